@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: MIT
+"""One contact: a surface of the body, a rigid obstacle and a friction law."""
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import default_scalar_type, fem
+from ufl.core.expr import Expr
+
+from . import laws
+from .compat import bc_space_contains, unrolled_bc_dofs
+from .errors import ContactInputError
+from .friction import FrictionLaw
+from .obstacles import Kinematics, Obstacle, kinematics
+from .surface import ContactSurface, NodalExpression
+
+#: A normal this close to the span of the prescribed directions counts as prescribed.
+PRESCRIBED_NORMAL = 1e-8
+
+
+class Contact:
+    """Unilateral contact with friction of a surface against a rigid obstacle.
+
+    Args:
+        surface: The contact surface of the body.
+        obstacle: The rigid obstacle.
+        friction: The friction law.
+        r_p: Scale (Pa/m) of the complementarity functions, the paper's ``r_p``. By default
+            each node's diagonal bulk stiffness over its area, which is of the size of ``E/L_c``.
+
+    Attributes:
+        c: Multipliers ``(c_n, c_1[, c_2])``, tractions on the body in the contact frame (Pa).
+        c_stick: Multipliers of the stick predictor, frozen for the slip corrector (Pa).
+        r: The scale ``r_p`` at each node (Pa/m).
+        slipping: 1 at the nodes where the corrector uses the slip rows (15), else 0.
+        slip_scale: The length of :func:`~fenicsx_friction.laws.blended_slip` (m).
+        free: 1 for the free directions of the contact frame, 0 for the prescribed ones.
+        hint: Direction whose tangential part is the first tangent.
+    """
+
+    def __init__(
+        self,
+        surface: ContactSurface,
+        obstacle: Obstacle,
+        friction: FrictionLaw,
+        *,
+        r_p: float | None = None,
+    ) -> None:
+        if r_p is not None and not 0.0 < r_p < float("inf"):
+            raise ContactInputError(f"r_p = {r_p} must be positive and finite (Pa/m).")
+        self.surface, self.obstacle, self.friction, self._r_p = surface, obstacle, friction, r_p
+        Q, S = surface.Q, surface.S
+        self.c = fem.Function(Q, name="contact_traction")
+        self.c_stick = fem.Function(Q, name="stick_traction")
+        self.free = fem.Function(Q, name="free_directions")
+        self.free.x.array[:] = 1.0
+        self.hint = fem.Function(Q, name="tangent_hint")
+        self.r = fem.Function(S, name="r_p")
+        self.slipping = fem.Function(S, name="slipping")
+        self.slip_scale = fem.Function(S, name="slip_scale")
+        self.slip_scale.x.array[:] = 1.0
+
+    @property
+    def tangential(self) -> list[int]:
+        """Indices of the tangential components of the multiplier."""
+        return list(range(1, self.surface.mesh.geometry.dim))
+
+    def bind(self, u: fem.Function, u_old: fem.Function) -> None:
+        """Derive the kinematics for the displacement ``u`` and its last accepted value."""
+        X = ufl.SpatialCoordinate(self.surface.mesh)
+        self.kinematics: Kinematics = kinematics(self.obstacle, X + u, u - u_old, self.hint)
+        # A prescribed tangential direction neither slips nor carries friction here.
+        self.slip = ufl.as_vector(
+            [self.free[k] * self.kinematics.slip[k - 1] for k in self.tangential]
+        )
+        self.c_t = ufl.as_vector([self.c[k] for k in self.tangential])
+        self.pressure = laws.positive(self.c[0] - self.r * self.kinematics.gap)
+        self.limit = self.friction.limit(self.pressure)
+        self._evaluate = self.surface.evaluator(
+            ufl.as_vector([self.kinematics.gap, *self.slip, self.limit])
+        )
+        self._traction = self.surface.evaluator(self.kinematics.traction(self.c))
+
+    # -- the rows of the three kinds of substep ------------------------------------------
+
+    def stick_rows(self, eps: Expr) -> Expr:
+        """Rows of the stick predictor, eq. (14)."""
+        H = laws.closed(self.kinematics.gap, self.c[0], self.r)
+        return self._rows(eps, laws.stick_row(self.slip, self.c_t, self.r, H))
+
+    def projection_rows(self, eps: Expr) -> Expr:
+        """Rows of the natural map."""
+        return self._rows(eps, laws.projection_row(self.slip, self.c_t, self.limit, self.r))
+
+    def slip_rows(self, eps: Expr, xi: Expr, sign: float) -> Expr:
+        """Slip rows (15) at the ``slipping`` nodes, projection rows at the others."""
+        stick = ufl.as_vector([self.c_stick[k] for k in self.tangential])
+        w = laws.blended_slip(self.slip, stick, xi, self.slip_scale, sign)
+        slip = laws.slip_row(self.c_t, self.friction.limit(self.c[0]), w, self.slip_scale)
+        other = laws.projection_row(self.slip, self.c_t, self.limit, self.r)
+        return self._rows(eps, self.slipping * slip + (1.0 - self.slipping) * other)
+
+    def _rows(self, eps: Expr, tangential: Expr) -> Expr:
+        """Stack the normal row on the tangential ones."""
+        normal = laws.normal_row(self.kinematics.gap, self.c[0], self.r, eps)
+        return ufl.as_vector([normal, *tangential])
+
+    # -- nodal values --------------------------------------------------------------------
+
+    def nodal(self) -> dict[str, npt.NDArray[np.float64]]:
+        """Return the owned nodes' ``gap, slip, limit, c, r, area`` as plain arrays."""
+        n = self.surface.num_owned
+        values = self._evaluate()
+        return {
+            "gap": values[:, 0],
+            "slip": values[:, 1:-1],
+            "limit": values[:, -1],
+            "c": self.c.x.array.reshape(-1, self.surface.Q.dofmap.index_map_bs)[:n].copy(),
+            "r": self.r.x.array[:n].copy(),
+            "area": self.surface.area.x.array[:n].copy(),
+        }
+
+    def nodal_traction(self) -> npt.NDArray[np.float64]:
+        """Return the owned nodes' traction vectors on the body in global axes (Pa)."""
+        return self._traction()
+
+    # -- set-up from the boundary conditions and the bulk stiffness ------------------------
+
+    def set_scale(self, stiffness_diagonal: fem.Function) -> None:
+        """Set ``r_p`` at each node from the diagonal of the bulk stiffness (N/m)."""
+        V = stiffness_diagonal.function_space
+        dofs, bs = self.surface.parent_dofs(V), V.dofmap.index_map_bs
+        if self._r_p is not None:
+            self.r.x.array[:] = self._r_p
+            return
+        diagonal = stiffness_diagonal.x.array.reshape(-1, bs)[dofs].mean(axis=1)
+        self.r.x.array[:] = diagonal / self.surface.area.x.array
+        self.r.x.scatter_forward()
+
+    def scale_r(self, factor: float) -> None:
+        """Multiply ``r_p`` at all nodes."""
+        self.r.x.array[:] *= factor
+
+    def pin_prescribed(self, V: fem.FunctionSpace, bcs: list[fem.DirichletBC]) -> list[fem.DirichletBC]:
+        """Find the prescribed contact directions and constrain their multipliers to zero.
+
+        The tangent frame of a node with one prescribed Cartesian direction is turned so that
+        its first tangent takes that direction; then the multiplier of a prescribed tangent has
+        no work to do (the boundary condition carries the reaction) and its row would repeat
+        the boundary condition. A node whose normal displacement is prescribed takes no part.
+
+        Returns:
+            The homogeneous conditions on the multipliers, one a component.
+        """
+        Q, gdim = self.surface.Q, V.mesh.geometry.dim
+        fixed = self._fixed_components(V, bcs)
+        normal = fem.Function(Q)
+        self._set_hint(np.zeros_like(fixed), np.tile(np.eye(gdim)[0], (len(fixed), 1)))
+        n = self.surface.num_owned
+        normal.x.array.reshape(-1, gdim)[:n] = self.surface.evaluator(self.kinematics.normal)()
+        normal.x.scatter_forward()
+        normals = normal.x.array.reshape(-1, gdim)
+        self._set_hint(fixed, normals)
+        held_normal = np.linalg.norm(np.where(fixed, 0.0, normals), axis=1) < PRESCRIBED_NORMAL
+        pinned = np.zeros_like(fixed)
+        for k in range(1, gdim):
+            pinned[:, k] = fixed.sum(axis=1) >= k
+        pinned[held_normal] = True
+        self.free.x.array[:] = np.where(pinned, 0.0, 1.0).ravel()
+        return [
+            fem.dirichletbc(
+                default_scalar_type(0.0),
+                (np.flatnonzero(pinned[:, k]) * gdim + k).astype(np.int32),
+                Q.sub(k),
+            )
+            for k in range(gdim)
+        ]
+
+    def _fixed_components(
+        self, V: fem.FunctionSpace, bcs: list[fem.DirichletBC]
+    ) -> npt.NDArray[np.bool_]:
+        """Return, for each local contact node, which Cartesian components are prescribed."""
+        fixed = fem.Function(V)
+        for bc in bcs:
+            if bc_space_contains(V, bc):
+                fixed.x.array[unrolled_bc_dofs(bc)] = 1.0
+        fixed.x.scatter_forward()
+        return fixed.x.array.reshape(-1, V.dofmap.index_map_bs)[self.surface.parent_dofs(V)] > 0.5
+
+    def _set_hint(
+        self, fixed: npt.NDArray[np.bool_], normals: npt.NDArray[np.float64]
+    ) -> None:
+        """Point the hint along a single prescribed axis, else along the most tangential one."""
+        axis = np.where(fixed.sum(axis=1) == 1, fixed.argmax(axis=1), abs(normals).argmin(axis=1))
+        self.hint.x.array[:] = np.eye(normals.shape[1])[axis].ravel()

@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: MIT
+"""The frictional contact problem: the user's bulk residual with contact rows beside it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import ufl
+from dolfinx import default_scalar_type, fem
+from dolfinx.fem.petsc import assemble_matrix
+from dolfinx.la import InsertMode
+
+from mpi4py import MPI
+
+from . import step
+from .certificate import OPEN, SLIP, STICK, Certificate, NodalState, certify
+from .compat import bc_space_contains, unrolled_bc_dofs
+from .contact import Contact
+from .errors import ContactInputError
+from .measures import share_facet_data
+from .report import ContactReport, StepReport
+from .substep import Substep, SubstepReport
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """How a step is solved; the defaults need no tuning.
+
+    Attributes:
+        corrector: ``"projection"``: natural map from the stick state; ``"ramp"``: the paper's
+            slip rows with ``xi`` ramped to 0, then the natural map as polish.
+        tolerance: Relative tolerance of the certificate.
+        predictor_iterations: Newton iterations of the stick predictor; it need not converge.
+        smoothing: ``eps`` of the predictor relative to the expected traction.
+        ramp_nodes: ``"violated"``: slip rows only where the stick force leaves the cone;
+            ``"all"``: at all nodes, as printed in the paper.
+        ramp_sign: Sign of the stick direction in eq. (12), see
+            :func:`fenicsx_friction.laws.blended_slip`.
+        raise_on_uncertified: Raise :class:`~fenicsx_friction.errors.StepFailed`, or else return
+            the report with ``certified == False``. The state is the last accepted one either way.
+    """
+
+    corrector: Literal["projection", "ramp"] = "projection"
+    tolerance: float = 1e-9
+    predictor_iterations: int = 3
+    smoothing: float = 1e-2
+    ramp_nodes: Literal["violated", "all"] = "violated"
+    ramp_sign: Literal[-1, 1] = -1
+    raise_on_uncertified: bool = True
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        choices = {
+            "corrector": (self.corrector, ("projection", "ramp")),
+            "ramp_nodes": (self.ramp_nodes, ("violated", "all")),
+            "ramp_sign": (self.ramp_sign, (-1, 1)),
+        }
+        for name, (value, allowed) in choices.items():
+            if value not in allowed:
+                raise ContactInputError(f"{name} = {value!r} must be one of {allowed}.")
+        if not 0.0 < self.tolerance < 1.0:
+            raise ContactInputError(f"tolerance = {self.tolerance} must lie in (0, 1).")
+        if self.predictor_iterations < 1 or self.smoothing < 0.0:
+            raise ContactInputError("predictor_iterations must be >= 1 and smoothing >= 0.")
+
+
+class FrictionalContactProblem:
+    """Quasi-static Signorini contact with friction, one certified increment a :meth:`solve`.
+
+    Args:
+        F: Bulk residual in UFL (internal minus external forces) without contact terms, or a
+            sequence of blocks whose first is the momentum balance.
+        u: Displacement, or a sequence of unknowns whose first is the displacement.
+        contact: The contacts.
+        bcs: Dirichlet conditions on the unknowns.
+        petsc_options_prefix: Unique prefix; the substeps add ``stick_``, ``slip_`` and
+            ``projection_``.
+        petsc_options: PETSc options for all substeps.
+        entity_maps: Entity maps of further meshes in ``F``; those of the contacts are added.
+        settings: How a step is solved.
+
+    Attributes:
+        u: The displacement.
+        u_old: The displacement of the last accepted step.
+        contacts: The contacts; ``contact.c`` are the multipliers.
+        num_steps: Number of accepted steps.
+        monitor: Called with each :class:`~fenicsx_friction.substep.SubstepReport`, or ``None``.
+        stick: The stick predictor, eq. (14).
+        slip: The slip corrector, eq. (15).
+        projection: The natural map.
+    """
+
+    def __init__(
+        self,
+        F: ufl.Form | Sequence[ufl.Form],
+        u: fem.Function | Sequence[fem.Function],
+        *,
+        contact: Contact | Sequence[Contact],
+        petsc_options_prefix: str,
+        bcs: Sequence[fem.DirichletBC] | None = None,
+        petsc_options: Mapping[str, object] | None = None,
+        entity_maps: Sequence[object] | None = None,
+        settings: StepSettings | None = None,
+    ) -> None:
+        blocks = [F] if isinstance(F, ufl.Form) else list(F)
+        self.unknowns = [u] if isinstance(u, fem.Function) else list(u)
+        self.contacts = [contact] if isinstance(contact, Contact) else list(contact)
+        self.settings = settings or StepSettings()
+        self.bcs = list(bcs or [])
+        self.u = self.unknowns[0]
+        _check_input(blocks, self.unknowns, self.contacts, petsc_options_prefix)
+        V = self.u.function_space
+        self.comm: MPI.Intracomm = V.mesh.comm
+        self.u_old = fem.Function(V, name="u_old")
+        self.u_old.x.array[:] = self.u.x.array
+        self.num_steps = 0
+        self.monitor: Callable[[SubstepReport], None] | None = None
+        self._xi = fem.Constant(V.mesh, default_scalar_type(0.0))
+        self._eps = fem.Constant(V.mesh, default_scalar_type(0.0))
+
+        self._entity_maps = [*(entity_maps or []), *(k.surface.entity_map for k in self.contacts)]
+        blocks, measures = share_facet_data(blocks, [k.surface for k in self.contacts])
+        self._set_up_contacts(blocks[0])
+        self._momentum = blocks[0] - sum(
+            ufl.inner(k.kinematics.traction(k.c), blocks[0].arguments()[0]) * ds
+            for k, ds in zip(self.contacts, measures, strict=True)
+        )
+        self._momentum_form = fem.form(self._momentum, entity_maps=self._entity_maps)
+        self._loaded = _constrained_dofs(V, self.bcs)
+        self.state = [*self.unknowns, *(k.c for k in self.contacts)]
+
+        def substep(name: str, rows: Callable[[Contact], object]) -> Substep:
+            """Make the substep whose contact rows are ``rows(contact)``."""
+            tests = [ufl.TestFunction(k.surface.Q) for k in self.contacts]
+            equations = [
+                ufl.inner(rows(k), q) * ds
+                for k, q, ds in zip(self.contacts, tests, measures, strict=True)
+            ]
+            return Substep(
+                name,
+                [self._momentum, *blocks[1:], *equations],
+                self.state,
+                [*self.bcs, *self._pins],
+                petsc_options_prefix,
+                petsc_options,
+                self._entity_maps,
+            )
+
+        sign = float(self.settings.ramp_sign)
+        self.stick = substep("stick", lambda k: k.stick_rows(self._eps))
+        self.slip = substep("slip", lambda k: k.slip_rows(self._eps, self._xi, sign))
+        self.projection = substep("projection", lambda k: k.projection_rows(self._eps))
+
+    def solve(self) -> StepReport:
+        """Solve one increment to the current loads, certify it and commit it.
+
+        Returns:
+            The report of the accepted step.
+
+        Raises:
+            StepFailed: If no certified solution was found; the state is the last accepted one.
+        """
+        return step.advance(self)
+
+    # -- what the step is made of ----------------------------------------------------------
+
+    def run(self, substep: Substep, tolerance: float, **options: object) -> SubstepReport:
+        """Run one substep with ``xi`` and ``eps`` of ``options`` and tell the monitor."""
+        options = {"xi": 0.0, "eps": 0.0} | options
+        self._xi.value, self._eps.value = options["xi"], options["eps"]
+        report = substep.solve(tolerance, **options)  # type: ignore[arg-type]
+        if self.monitor is not None:
+            self.monitor(report)
+        return report
+
+    def nodal_states(self) -> list[NodalState]:
+        """Return the nodal values of each contact on this rank."""
+        return [
+            NodalState(
+                **k.nodal(),
+                free=k.free.x.array.reshape(-1, len(k.tangential) + 1)[: k.surface.num_owned]
+                > 0.5,
+            )
+            for k in self.contacts
+        ]
+
+    def certify(self) -> Certificate:
+        """Certify the current values of the unknowns as a solution of the increment."""
+        states = self.nodal_states()
+        vector = fem.assemble_vector(self._momentum_form)
+        vector.scatter_reverse(InsertMode.add)
+        owned = self.u.function_space.dofmap.index_map.size_local
+        force = abs(vector.array[: owned * self.u.function_space.dofmap.index_map_bs])
+        free = np.setdiff1d(np.arange(len(force)), self._loaded)
+        largest = max(
+            [np.max(force, initial=0.0)]
+            + [np.max(s.area * np.linalg.norm(s.c, axis=1), initial=0.0) for s in states]
+        )
+        return certify(
+            self.comm,
+            states,
+            equilibrium=self.comm.allreduce(np.max(force[free], initial=0.0), MPI.MAX),
+            force_scale=self.comm.allreduce(largest, MPI.MAX),
+            tolerance=self.settings.tolerance,
+        )
+
+    def contact_reports(self) -> tuple[ContactReport, ...]:
+        """Total the nodal values of each contact over all ranks."""
+        reports = []
+        for k, state in zip(self.contacts, self.nodal_states(), strict=True):
+            counts = np.bincount(state.states()[state.takes_part], minlength=3)
+            force = state.area @ k.nodal_traction()
+            work = -np.einsum("i,ij,ij->", state.area, state.c[:, 1:], state.slip)
+            total = self.comm.allreduce(np.array([*counts, *force, work]), MPI.SUM)
+            reports.append(
+                ContactReport(
+                    name=k.surface.name,
+                    open=int(total[OPEN]),
+                    stick=int(total[STICK]),
+                    slip=int(total[SLIP]),
+                    force=tuple(float(f) for f in total[3:-1]),
+                    dissipation=float(total[-1]),
+                )
+            )
+        return tuple(reports)
+
+    def commit(self) -> None:
+        """Make the current values the history of the next step."""
+        self.u_old.x.array[:] = self.u.x.array
+        self.num_steps += 1
+
+    # -- set-up ------------------------------------------------------------------------------
+
+    def _set_up_contacts(self, bulk: ufl.Form) -> None:
+        """Derive kinematics, scales and prescribed directions of the contacts."""
+        V = self.u.function_space
+        tangent = fem.form(ufl.derivative(bulk, self.u), entity_maps=self._entity_maps)
+        matrix = assemble_matrix(tangent)
+        matrix.assemble()
+        diagonal = fem.Function(V)
+        diagonal.x.array[: matrix.getLocalSize()[0]] = matrix.getDiagonal().array
+        diagonal.x.scatter_forward()
+        matrix.destroy()
+        self._pins: list[fem.DirichletBC] = []
+        for k in self.contacts:
+            k.bind(self.u, self.u_old)
+            k.set_scale(diagonal)
+            self._pins += k.pin_prescribed(V, self.bcs)
+        lowest = min(np.min(k.r.x.array, initial=np.inf) for k in self.contacts)
+        if not self.comm.allreduce(lowest, MPI.MIN) > 0.0:
+            raise ContactInputError(
+                "The bulk residual has no positive stiffness at some contact node; check F, its "
+                "sign (internal minus external forces) and the initial u, or give Contact(r_p=...)."
+            )
+
+
+def _check_input(
+    blocks: Sequence[ufl.Form],
+    unknowns: Sequence[fem.Function],
+    contacts: Sequence[Contact],
+    prefix: str,
+) -> None:
+    """Raise a ContactInputError for what can be seen from the arguments."""
+    if not prefix:
+        raise ContactInputError("petsc_options_prefix must not be empty; take e.g. 'block_'.")
+    if not contacts:
+        raise ContactInputError("There is no contact: give at least one Contact.")
+    if len(blocks) != len(unknowns):
+        raise ContactInputError(f"{len(blocks)} residuals F for {len(unknowns)} unknowns u.")
+    V, gdim = unknowns[0].function_space, unknowns[0].function_space.mesh.geometry.dim
+    if V.dofmap.index_map_bs != gdim:
+        raise ContactInputError(
+            f"The displacement has {V.dofmap.index_map_bs} components in {gdim} dimensions."
+        )
+    for block, unknown in zip(blocks, unknowns, strict=True):
+        if len(block.arguments()) != 1:
+            raise ContactInputError(
+                f"A residual must be linear in one test function; this one has "
+                f"{len(block.arguments())} arguments. Replace the trial function by u."
+            )
+        if block.arguments()[0].ufl_function_space() != unknown.function_space:
+            raise ContactInputError("A residual's test function is not in its unknown's space.")
+    for contact in contacts:
+        if contact.surface.mesh is not V.mesh:
+            raise ContactInputError(
+                f"Contact surface '{contact.surface.name}' lies on another mesh than u."
+            )
+
+
+def _constrained_dofs(V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> np.ndarray:
+    """Return the unrolled dofs of ``V`` under a boundary condition."""
+    dofs = [unrolled_bc_dofs(bc) for bc in bcs if bc_space_contains(V, bc)]
+    return np.unique(np.concatenate(dofs)) if dofs else np.empty(0, dtype=np.int32)

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: MIT
+"""One step: stick predictor, slip corrector, polish, certificate, commit or roll back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mpi4py import MPI
+
+from . import state
+from .certificate import OPEN
+from .diagnosis import explain
+from .errors import StepFailed
+from .report import StepReport
+from .substep import SubstepReport
+
+if TYPE_CHECKING:
+    from .problem import FrictionalContactProblem
+
+#: Newton stops at this fraction of the step's forces; the certificate decides what it is worth.
+NEWTON_TOLERANCE = 1e-11
+#: Tolerance of the ramp's stages before the last, and of the predictor.
+STAGE_TOLERANCE = 1e-6
+#: Smallest blend ``xi`` before 0, and the finest reduction of ``xi`` tried.
+SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
+#: A stage is a false root if a slip node leaves the cone by this fraction.
+FALSE_ROOT = 1e-6
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One way to solve a step."""
+
+    corrector: str
+    line_search: str | None = None
+    r_factor: float = 1.0
+    max_it: int | None = None
+
+
+#: Full Newton steps first; the others cost more and are for steep loads and high friction.
+FALLBACKS = (
+    Attempt("projection", "bt", max_it=100),
+    Attempt("projection", "bt", r_factor=10.0, max_it=100),
+    Attempt("ramp", "bt", max_it=60),
+)
+
+
+def advance(problem: FrictionalContactProblem) -> StepReport:
+    """Solve, certify and commit one increment; see ``FrictionalContactProblem.solve``."""
+    start = state.save(problem.state)
+    forces = _force_scale(problem)
+    substeps: list[SubstepReport] = []
+    for attempt in (None, Attempt(problem.settings.corrector), *FALLBACKS):
+        state.restore(problem.state, start)
+        if attempt is not None:
+            with _scaled(problem, attempt.r_factor):
+                substeps += _correct(problem, attempt, forces)
+        elif problem.projection.residual_norm() > NEWTON_TOLERANCE * forces:
+            continue  # else the loads did not change and the state is its own solution
+        certificate = problem.certify()
+        report = StepReport(
+            problem.num_steps + 1,
+            problem.settings.corrector,
+            tuple(substeps),
+            problem.contact_reports(),
+            certificate,
+        )
+        if certificate.certified:
+            problem.commit()
+            return report
+    message = explain(problem, report)
+    state.restore(problem.state, start)
+    if problem.settings.raise_on_uncertified:
+        raise StepFailed(message, report)
+    return report
+
+
+def _correct(
+    problem: FrictionalContactProblem, attempt: Attempt, forces: float
+) -> list[SubstepReport]:
+    """Predict with stick, correct, polish; leave the result in the unknowns."""
+    start = state.save(problem.state)
+    eps = problem.settings.smoothing * _expected_traction(problem, forces)
+    predictor = problem.run(
+        problem.stick,
+        STAGE_TOLERANCE * forces,
+        eps=eps,
+        max_it=problem.settings.predictor_iterations,
+    )
+    if not np.all(np.isfinite(predictor.residuals)) or "LINEAR" in predictor.reason:
+        state.restore(problem.state, start)
+    reports = [predictor]
+    if attempt.corrector == "ramp":
+        reports += _ramp(problem, attempt, forces, eps)
+    reports.append(
+        problem.run(
+            problem.projection,
+            NEWTON_TOLERANCE * forces,
+            line_search=attempt.line_search,
+            max_it=attempt.max_it,
+        )
+    )
+    return reports
+
+
+def _ramp(
+    problem: FrictionalContactProblem, attempt: Attempt, forces: float, eps: float
+) -> list[SubstepReport]:
+    """Ramp ``xi`` of eq. (12) from 1 to 0, finer where a stage fails or leaves the cone."""
+    reports: list[SubstepReport] = []
+    if _freeze_stick(problem, forces) == 0:
+        return reports
+    accepted = state.save(problem.state)
+    last, xi, reduction = 1.0, 1.0, 0.1
+    while True:
+        report = problem.run(
+            problem.slip,
+            STAGE_TOLERANCE * forces,
+            xi=xi,
+            eps=eps * xi,
+            line_search=attempt.line_search,
+            max_it=attempt.max_it,
+        )
+        good = report.converged and not _false_root(problem)
+        reports.append(replace(report, accepted=good))
+        if good:
+            accepted, last = state.save(problem.state), xi
+            if xi == 0.0:
+                return reports
+        else:
+            state.restore(problem.state, accepted)
+            reduction = np.sqrt(reduction)
+            if xi == 1.0 or reduction > FINEST_REDUCTION:
+                return reports  # the polish starts from the last good stage
+        xi = last * reduction if last * reduction > SMALLEST_XI else 0.0
+
+
+def _freeze_stick(problem: FrictionalContactProblem, forces: float) -> int:
+    """Freeze the stick traction, choose the nodes with slip rows; return how many there are."""
+    count = 0
+    fallback = _expected_traction(problem, forces)
+    for k, s in zip(problem.contacts, problem.nodal_states(), strict=True):
+        k.c_stick.x.array[:] = k.c.x.array
+        traction = np.linalg.norm(s.c[:, 1:], axis=1)
+        chosen = s.free[:, 1:].any(axis=1) & s.takes_part
+        if problem.settings.ramp_nodes == "violated":
+            chosen &= (traction > s.limit) & (s.states() != OPEN)
+        n = k.surface.num_owned
+        k.slipping.x.array[:n] = chosen
+        # The elastic displacement under the stick force: a slip length free of units.
+        k.slip_scale.x.array[:n] = np.where(traction > 0.0, traction, fallback) / s.r
+        k.slipping.x.scatter_forward()
+        k.slip_scale.x.scatter_forward()
+        count += int(chosen.sum())
+    return int(problem.comm.allreduce(count, MPI.SUM))
+
+
+def _false_root(problem: FrictionalContactProblem) -> bool:
+    """Tell whether a node with slip rows left the cone: ``c|w| + mu c_n w = 0`` at ``w = 0``."""
+    found = False
+    for k, s in zip(problem.contacts, problem.nodal_states(), strict=True):
+        traction = np.linalg.norm(s.c[:, 1:], axis=1)
+        slack = FALSE_ROOT * np.max(traction, initial=0.0)
+        rows = k.slipping.x.array[: k.surface.num_owned] > 0.5
+        found |= bool(np.any(rows & (traction > s.limit * (1.0 + FALSE_ROOT) + slack)))
+    return bool(problem.comm.allreduce(found, MPI.LOR))
+
+
+def _force_scale(problem: FrictionalContactProblem) -> float:
+    """Return the forces (2-norm, N) of the step: the unbalanced ones or those in contact."""
+    local = sum(
+        float(np.sum((s.area[:, None] * s.c) ** 2)) for s in problem.nodal_states()
+    )
+    contact = np.sqrt(problem.comm.allreduce(local, MPI.SUM))
+    return max(problem.projection.residual_norm(), float(contact))
+
+
+def _expected_traction(problem: FrictionalContactProblem, forces: float) -> float:
+    """Return the traction (Pa) that spreads the forces over the contact nodes."""
+    local = sum(float(np.sum(s.area**2)) for s in problem.nodal_states())
+    return forces / float(np.sqrt(problem.comm.allreduce(local, MPI.SUM)))
+
+
+@contextmanager
+def _scaled(problem: FrictionalContactProblem, factor: float) -> Iterator[None]:
+    """Solve with ``r_p`` multiplied by ``factor``; the certificate always uses the plain one."""
+    kept = [k.r.x.array.copy() for k in problem.contacts]
+    for k in problem.contacts:
+        k.scale_r(factor)
+    try:
+        yield
+    finally:
+        for k, values in zip(problem.contacts, kept, strict=True):
+            k.r.x.array[:] = values

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: MIT
+"""One kind of substep: a ``NonlinearProblem`` with a convergence test made for contact."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import NonlinearProblem, assign
+
+from petsc4py import PETSc
+
+DEFAULT_OPTIONS: dict[str, object] = {
+    "snes_type": "newtonls",
+    "snes_linesearch_type": "basic",
+    "snes_max_it": 30,
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": 60,
+}
+
+#: Reductions of the residual below which stagnation is taken for rounding.
+ROUNDING = 1e-8
+#: A residual that returns to this relative accuracy within a few iterations is a cycle.
+CYCLE = 1e-6
+
+
+@dataclass(frozen=True)
+class SubstepReport:
+    """How one substep went.
+
+    Attributes:
+        name: ``stick``, ``slip`` or ``projection``.
+        xi: Blend of the slip rows (0 where they are not used).
+        eps: Smoothing of the normal complementarity (Pa).
+        iterations: Newton iterations, each one linear solve.
+        converged: Whether the residual met its tolerance.
+        reason: PETSc's name of the reason, or ``CYCLE``.
+        residuals: 2-norms of the residual (N), one an iteration and the initial one.
+        accepted: Whether the substep's end state was used.
+    """
+
+    name: str
+    xi: float
+    eps: float
+    iterations: int
+    converged: bool
+    reason: str
+    residuals: tuple[float, ...]
+    accepted: bool = True
+
+
+class Substep:
+    """A residual in all unknowns of the problem, solved by SNES.
+
+    The forms are compiled at the first use: a substep that a corrector never needs costs nothing.
+
+    Args:
+        name: Name of the substep, part of its options prefix.
+        forms: Residual blocks.
+        unknowns: The Functions solved for.
+        bcs: Dirichlet conditions on any of them.
+        prefix: Prefix of the PETSc options; the substep's is ``{prefix}{name}_``.
+        options: PETSc options over :data:`DEFAULT_OPTIONS`.
+        entity_maps: Entity maps of all meshes in the forms.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        forms: Sequence[ufl.Form],
+        unknowns: Sequence[fem.Function],
+        bcs: Sequence[fem.DirichletBC],
+        prefix: str,
+        options: Mapping[str, object] | None,
+        entity_maps: Sequence[object],
+    ) -> None:
+        self.name, self._forms, self._unknowns = name, forms, unknowns
+        self._bcs, self._entity_maps = bcs, entity_maps
+        self._prefix = f"{prefix}{name}_"
+        self._options = {**DEFAULT_OPTIONS, **(options or {})}
+        self._problem: NonlinearProblem | None = None
+        self._history: list[float] = []
+        self._cycled = False
+
+    @property
+    def problem(self) -> NonlinearProblem:
+        """The DOLFINx problem, with its ``solver`` (SNES), ``A`` and ``b``."""
+        if self._problem is None:
+            self._problem = NonlinearProblem(
+                list(self._forms),
+                list(self._unknowns),
+                bcs=list(self._bcs),
+                petsc_options_prefix=self._prefix,
+                petsc_options=self._options,
+                entity_maps=list(self._entity_maps),
+                kind="mpi",
+            )
+            self._problem.solver.setConvergenceTest(self._test)
+        return self._problem
+
+    def residual_norm(self) -> float:
+        """Return the 2-norm of the residual (N) at the current values of the unknowns."""
+        problem = self.problem
+        assign(problem.u, problem.x)
+        problem.solver.computeFunction(problem.x, problem.b)
+        return float(problem.b.norm())
+
+    def solve(
+        self,
+        tolerance: float,
+        *,
+        xi: float,
+        eps: float,
+        line_search: str | None = None,
+        max_it: int | None = None,
+    ) -> SubstepReport:
+        """Solve from the current values of the unknowns; they hold the last iterate after.
+
+        Args:
+            tolerance: Residual 2-norm (N) at which Newton stops.
+            xi: For the report.
+            eps: For the report.
+            line_search: PETSc line search in place of the options' one.
+            max_it: Iterations in place of the options' ``snes_max_it``.
+
+        Returns:
+            What happened. Not converging is no exception: the certificate decides.
+        """
+        snes = self.problem.solver
+        chosen, limit = self._options["snes_linesearch_type"], self._options["snes_max_it"]
+        snes.getLineSearch().setType(str(line_search or chosen))
+        snes.setTolerances(atol=tolerance, max_it=int(str(max_it or limit)))
+        self._history, self._cycled = [], False
+        self.problem.solve()
+        reason = snes.getConvergedReason()
+        return SubstepReport(
+            name=self.name,
+            xi=xi,
+            eps=eps,
+            iterations=snes.getIterationNumber(),
+            converged=reason > 0,
+            reason="CYCLE" if self._cycled else _reason_name(reason),
+            residuals=tuple(self._history),
+        )
+
+    def _test(
+        self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]
+    ) -> PETSc.SNES.ConvergedReason:
+        """Stop at the tolerance, at rounding, at NaN, at the last iteration and in a cycle."""
+        reason, norm = PETSc.SNES.ConvergedReason, norms[-1]
+        _, atol, _, max_it = snes.getTolerances()
+        self._history.append(norm)
+        if not np.isfinite(norm):
+            return reason.DIVERGED_FNORM_NAN
+        if norm <= atol:
+            return reason.CONVERGED_FNORM_ABS
+        if it > 0 and norm <= ROUNDING / 1e-11 * atol and norm >= 0.5 * self._history[-2]:
+            return reason.CONVERGED_SNORM_RELATIVE
+        self._cycled = any(abs(norm - old) <= CYCLE * norm for old in self._history[-8:-2])
+        if self._cycled or it >= max_it:
+            return reason.DIVERGED_MAX_IT
+        return reason.ITERATING
+
+
+def _reason_name(value: int) -> str:
+    """Return PETSc's name of a converged reason."""
+    names = PETSc.SNES.ConvergedReason.__dict__.items()
+    return next((name for name, number in names if number == value and "_" in name), str(value))
