@@ -43,7 +43,7 @@ class StepSettings:
 
     corrector: Literal["projection", "ramp"] = "projection"
     tolerance: float = 1e-9
-    predictor_iterations: int = 3
+    predictor_iterations: int = 2
     smoothing: float = 1e-2
     ramp_nodes: Literal["violated", "all"] = "violated"
     ramp_sign: Literal[-1, 1] = -1
@@ -85,7 +85,9 @@ class FrictionalContactProblem:
         u_old: The displacement of the last accepted step.
         contacts: The contacts; ``contact.c`` are the multipliers.
         num_steps: Number of accepted steps.
+        accepted: Nodal values of each contact (this rank's nodes) in the last accepted step.
         monitor: Called with each :class:`~fenicsx_friction.substep.SubstepReport`, or ``None``.
+        bulk: The momentum balance without contact, ready to be assembled.
         stick: The stick predictor, eq. (14).
         slip: The slip corrector, eq. (15).
         projection: The natural map.
@@ -115,6 +117,7 @@ class FrictionalContactProblem:
         self.u_old = fem.Function(V, name="u_old")
         self.u_old.x.array[:] = self.u.x.array
         self.num_steps = 0
+        self.accepted: list[NodalState] = []
         self.monitor: Callable[[SubstepReport], None] | None = None
         self._xi = fem.Constant(V.mesh, default_scalar_type(0.0))
         self._eps = fem.Constant(V.mesh, default_scalar_type(0.0))
@@ -122,7 +125,8 @@ class FrictionalContactProblem:
         self._entity_maps = [*(entity_maps or []), *(k.surface.entity_map for k in self.contacts)]
         blocks, measures = share_facet_data(blocks, [k.surface for k in self.contacts])
         self._set_up_contacts(blocks[0])
-        self._momentum = blocks[0] - sum(
+        self.bulk = blocks[0]
+        self._momentum = self.bulk - sum(
             ufl.inner(k.kinematics.traction(k.c), blocks[0].arguments()[0]) * ds
             for k, ds in zip(self.contacts, measures, strict=True)
         )
@@ -227,6 +231,7 @@ class FrictionalContactProblem:
 
     def commit(self) -> None:
         """Make the current values the history of the next step."""
+        self.accepted = self.nodal_states()
         self.u_old.x.array[:] = self.u.x.array
         self.num_steps += 1
 

@@ -22,15 +22,11 @@ import numpy.typing as npt
 __all__ = ["ExactSolution", "Increment", "NoExactSolution", "natural_residual", "solve_increment"]
 
 Array = npt.NDArray[np.float64]
-
-# Smoothing parameters relative to the force scale. A single fast decade sequence is right for most
-# increments; the slow one follows the smoothed path where high friction folds it.
-_FAST = tuple(10.0 ** -np.arange(0.0, 9.0))
-_SLOW = tuple(10.0 ** -np.arange(-1.0, 9.0, 1 / 3))
+Mask = npt.NDArray[np.bool_]
 
 
 class NoExactSolution(RuntimeError):
-    """No certified solution was found: for large friction there may be none, or several."""
+    """No certified solution was found; the increment may have none (a floating body) or several."""
 
 
 @dataclass(frozen=True)
@@ -53,34 +49,35 @@ class Increment:
     gap: Array
     previous: Array
     mu: Array
-    free: npt.NDArray[np.bool_]
+    free: Mask
 
     def __post_init__(self) -> None:
-        """Check the shapes and ranges, which NumPy broadcasting would hide."""
+        """Check shapes and ranges: NumPy would broadcast a wrong shape silently."""
         n, d = self.free.shape
+        if n == 0 or d not in (2, 3):
+            raise ValueError(f"free must be (n, 2) or (n, 3) with n > 0, is {self.free.shape}")
         shapes = {"stiffness": (n * d, n * d), "load": (n * d,), "gap": (n,), "mu": (n,)}
         for name, shape in (shapes | {"previous": (n, d - 1)}).items():
             value = getattr(self, name)
             if value.shape != shape or not np.isfinite(value).all():
                 raise ValueError(f"{name} must be finite with shape {shape}, is {value.shape}")
-        if n == 0 or d not in (2, 3):
-            raise ValueError(f"free must be (n, 2) or (n, 3) with n > 0, is {self.free.shape}")
         if (self.mu < 0).any():
-            raise ValueError(f"mu must not be negative, min is {self.mu.min()}")
+            raise ValueError(f"mu must not be negative, the smallest is {self.mu.min()}")
 
     @property
-    def contact(self) -> npt.NDArray[np.bool_]:
+    def contact(self) -> Mask:
         """Components that can carry a contact force, ``(n, d)``."""
-        return self.free & self.free[:, :1]
+        return np.asarray(self.free & self.free[:, :1])
 
     @property
     def node_stiffness(self) -> Array:
         """Mean diagonal stiffness of the contact components of each node, ``(n,)``, N/m."""
         diagonal = np.diag(self.stiffness).reshape(self.free.shape)
-        count = self.contact.sum(axis=1)
-        mean = (diagonal * self.contact).sum(axis=1) / np.maximum(count, 1)
-        fallback = mean[mean > 0].mean() if (mean > 0).any() else max(diagonal.max(), 1.0)
-        return np.where(mean > 0, mean, fallback)
+        total = (diagonal * self.contact).sum(axis=1)
+        mean = total / np.maximum(self.contact.sum(axis=1), 1)
+        # Nodes out of contact need a value too, but none that could set the scale.
+        typical = np.median(mean[mean > 0]) if (mean > 0).any() else diagonal.max() or 1.0
+        return np.where(mean > 0, mean, typical)
 
 
 @dataclass(frozen=True)
@@ -95,80 +92,14 @@ class ExactSolution:
     iterations: int
 
 
-def _project(v: Array, eps: float) -> tuple[Array, Array]:
-    """Project each row of ``v`` on the second-order cone, smoothed, and differentiate.
-
-    CHKS function ``p(t) = (t + sqrt(t^2 + 4 eps^2))/2`` of the spectral values ``v0 -/+ |v_t|``
-    (Fukushima, Luo and Tseng, SIAM J. Optim. 12:436-460, 2001, Section 5). ``eps = 0`` is exact.
-
-    Args:
-        v: ``(n, m)``, scalar part first. ``m = 1`` is the half-line.
-        eps: Smoothing parameter, in the unit of ``v``.
-
-    Returns:
-        Projection ``(n, m)`` and its derivative ``(n, m, m)``.
-    """
-    norm = np.linalg.norm(v[:, 1:], axis=1)
-    unit = v[:, 1:] / np.where(norm > 0, norm, 1.0)[:, None]
-    low, high = v[:, 0] - norm, v[:, 0] + norm
-    (p_low, dp_low), (p_high, dp_high) = _plus(low, eps), _plus(high, eps)
-    mean, half = (dp_high + dp_low) / 2, (dp_high - dp_low) / 2
-    # The divided difference of p between the spectral values tends to p' where they coincide.
-    tiny = norm <= 1e-14 * (np.abs(v[:, 0]) + eps)
-    secant = np.where(tiny, mean, (p_high - p_low) / np.where(tiny, 1.0, 2 * norm))
-    outer = unit[:, :, None] * unit[:, None, :]
-    value = np.column_stack([(p_high + p_low) / 2, ((p_high - p_low) / 2)[:, None] * unit])
-    slope = np.empty((*v.shape, v.shape[1]))
-    slope[:, 0, 0] = mean
-    slope[:, 0, 1:] = slope[:, 1:, 0] = half[:, None] * unit
-    slope[:, 1:, 1:] = secant[:, None, None] * np.eye(v.shape[1] - 1)
-    slope[:, 1:, 1:] += (mean - secant)[:, None, None] * outer
-    return value, slope
-
-
-def _plus(t: Array, eps: float) -> tuple[Array, Array]:
-    """Return the CHKS plus function and its derivative, without cancellation for ``t << -eps``."""
-    if eps == 0.0:
-        return np.maximum(t, 0.0), (t > 0).astype(float)
-    root = np.hypot(t, 2 * eps)
-    tail = (root + np.abs(t)) / 2
-    value = np.where(t > 0, tail, eps**2 / tail)
-    return value, value / root
-
-
-def _residuals(inc: Increment, q: Array, r: Array) -> Array:
-    """Return the relative natural residuals of each node, ``(n, 4)``, see `natural_residual`."""
-    n, d = inc.free.shape
-    k, contact = inc.node_stiffness, inc.contact
-    internal = (inc.stiffness @ q.ravel()).reshape(n, d)
-    balance = internal - inc.load.reshape(n, d) - r
-    # A prescribed row may have any scale (1 in place of N/m); bring it to that of the node.
-    diagonal = np.maximum(np.diag(inc.stiffness).reshape(n, d), np.finfo(float).tiny)
-    balance = np.where(inc.free, balance, balance * np.minimum(k[:, None] / diagonal, 1e300))
-    slip = np.where(contact[:, 1:], q[:, 1:] - inc.previous, 0.0)
-    kg = k * (inc.gap + q[:, 0])
-    x = np.column_stack([inc.mu * r[:, 0], r[:, 1:]])
-    y = k[:, None] * np.column_stack([np.linalg.norm(slip, axis=1), slip])
-    normal = np.where(contact[:, 0], np.minimum(r[:, 0], kg), 0.0)
-    cone = np.maximum(np.linalg.norm(x[:, 1:], axis=1) - x[:, 0], 0.0)
-    alignment = np.linalg.norm(x - _project(x - y, 0.0)[0], axis=1)
-    stray = np.linalg.norm(np.where(contact, 0.0, r), axis=1)
-    # Third: A q cannot be evaluated more closely than its rounding, 1e-16 |A| |q|.
-    rounding = 1e-5 * (np.abs(inc.stiffness) @ np.abs(q.ravel()))
-    forces = np.abs([r.ravel(), inc.load, rounding])
-    scale = np.max(forces * inc.free.ravel()) or 1.0
-    table = [np.linalg.norm(balance, axis=1), normal, cone, alignment * contact[:, 0] + stray]
-    return np.abs(np.column_stack(table)) / scale
-
-
 def natural_residual(increment: Increment, displacement: Array, force: Array) -> float:
     """Certify ``(q, r)`` against the unsmoothed increment.
 
     The largest over the nodes of: equilibrium; ``min(r_n, k g)``; cone violation
     ``|r_t| - mu r_n``; and the natural map ``x - P_K(x - k y)`` of ``x = (mu r_n, r_t)``,
-    ``y = (|s|, s)``, which holds complementarity and alignment. Displacements are turned into
-    forces by the diagonal stiffness ``k`` of the node, and all is relative to the largest nodal
-    force. Zero if and only if ``(q, r)`` solves the increment; first order in any error.
+    ``y = (|s|, s)``, which tests complementarity and alignment. The diagonal stiffness ``k`` of
+    the node turns displacements into forces, and all is relative to the largest nodal force.
+    Zero if and only if ``(q, r)`` solves the increment; of first order in any error.
 
     Args:
         increment: The problem.
@@ -178,31 +109,93 @@ def natural_residual(increment: Increment, displacement: Array, force: Array) ->
     return float(_residuals(increment, displacement, force).max())
 
 
-def _nondimensional(inc: Increment) -> tuple[Increment, float, float]:
-    """Return the increment in units of its own force and stiffness, from the last accepted step.
+def _residuals(inc: Increment, q: Array, r: Array) -> Array:
+    """Return the relative residuals of each node: balance, normal, cone, alignment, ``(n, 4)``."""
+    n, d = inc.free.shape
+    k, contact = inc.node_stiffness, inc.contact
+    balance = ((inc.stiffness @ q.ravel() - inc.load) * _row_scale(inc)).reshape(n, d) - r
+    slip = np.where(contact[:, 1:], q[:, 1:] - inc.previous, 0.0)
+    x = np.column_stack([inc.mu * r[:, 0], r[:, 1:]])
+    y = k[:, None] * np.column_stack([np.linalg.norm(slip, axis=1), slip])
+    normal = np.where(contact[:, 0], np.minimum(r[:, 0], k * (inc.gap + q[:, 0])), 0.0)
+    cone = np.maximum(np.linalg.norm(r[:, 1:], axis=1) - inc.mu * r[:, 0], 0.0)
+    alignment = np.linalg.norm((x - _project(x - y, 0.0)[0]) * contact[:, :1], axis=1)
+    stray = np.linalg.norm(np.where(contact, 0.0, r), axis=1)  # force where there is no contact
+    # Equilibrium cannot be tested more closely than the rounding of A q, 1e-16 |A| |q|.
+    rounding = 1e-5 * (np.abs(inc.stiffness) @ np.abs(q.ravel()))
+    scale = np.max(np.abs([r.ravel(), inc.load, rounding]) * inc.free.ravel()) or 1.0
+    table = [np.linalg.norm(balance, axis=1), normal, cone, alignment + stray]
+    return np.asarray(np.abs(np.column_stack(table)) / scale)
 
-    Starting from ``previous`` keeps a long slide from setting the scale of displacements.
+
+def _row_scale(inc: Increment) -> Array:
+    """Return 1, and at prescribed rows, whose unit is arbitrary, what makes the diagonal ``k``."""
+    diagonal, free = np.diag(inc.stiffness), inc.free.ravel()
+    k = np.repeat(inc.node_stiffness, inc.free.shape[1])
+    return np.where(free | (diagonal <= 0), 1.0, k / np.where(diagonal > 0, diagonal, 1.0))
+
+
+def _project(v: Array, eps: float) -> tuple[Array, Array]:
+    """Project each row of ``v`` on the second-order cone, smoothed, and differentiate.
+
+    CHKS function ``p(t) = (t + sqrt(t^2 + 4 eps^2))/2`` of the spectral values ``v0 -/+ |v_t|``
+    (Fukushima, Luo and Tseng, SIAM J. Optim. 12:436-460, 2001). ``eps = 0`` is exact.
+
+    Args:
+        v: ``(n, m)``, scalar part first; the half-line for ``m = 1``.
+        eps: Smoothing parameter, in the unit of ``v``.
 
     Returns:
-        Scaled increment with ``previous = 0``, force unit, length unit.
+        Projection ``(n, m)`` and its derivative ``(n, m, m)``.
     """
-    shift = np.column_stack([np.zeros(len(inc.mu)), inc.previous]).ravel()
-    load = inc.load - inc.stiffness @ shift
+    norm = np.linalg.norm(v[:, 1:], axis=1)
+    unit = v[:, 1:] / np.where(norm > 0, norm, 1.0)[:, None]
+    (p_low, dp_low), (p_high, dp_high) = _plus(v[:, 0] - norm, eps), _plus(v[:, 0] + norm, eps)
+    value = np.column_stack([(p_high + p_low) / 2, ((p_high - p_low) / 2)[:, None] * unit])
+    mean, half = (dp_high + dp_low) / 2, (dp_high - dp_low) / 2
+    # The divided difference of p tends to p' where the spectral values coincide.
+    equal = norm <= 1e-14 * (np.abs(v[:, 0]) + eps)
+    secant = np.where(equal, mean, (p_high - p_low) / np.where(equal, 1.0, 2 * norm))
+    slope = np.empty((*v.shape, v.shape[1]))
+    slope[:, 0, 0] = mean
+    slope[:, 0, 1:] = slope[:, 1:, 0] = half[:, None] * unit
+    slope[:, 1:, 1:] = secant[:, None, None] * np.eye(v.shape[1] - 1)
+    slope[:, 1:, 1:] += (mean - secant)[:, None, None] * unit[:, :, None] * unit[:, None, :]
+    return value, slope
+
+
+def _plus(t: Array, eps: float) -> tuple[Array, Array]:
+    """Return the CHKS plus function and its derivative, without cancellation for ``t << -eps``."""
+    if eps == 0.0:
+        return np.maximum(t, 0.0), (t > 0).astype(np.float64)
+    root = np.hypot(t, 2 * eps)
+    tail = (root + np.abs(t)) / 2
+    value = np.where(t > 0, tail, eps**2 / tail)
+    return value, value / root
+
+
+def _nondimensional(inc: Increment) -> tuple[Increment, float, float]:
+    """Return the increment from the last accepted step in its own units, and these units (N, m).
+
+    Counting displacements from ``previous`` keeps a long slide from setting their scale.
+    """
+    load = inc.load - inc.stiffness @ _origin(inc).ravel()
     k = float(np.median(inc.node_stiffness))
-    free = inc.free.ravel()
-    force = max(np.abs(load * free).max(), k * max(-inc.gap.min(), 0.0)) or k
-    # Prescribed rows may have any scale (1 in place of N/m): divide them by their own diagonal.
-    diagonal = np.diag(inc.stiffness)
-    row = np.where(free | (diagonal <= 0), k, diagonal)
-    scaled = Increment(
-        stiffness=inc.stiffness / row[:, None],
-        load=load * k / row / force,
+    force = float(max(np.abs(load * inc.free.ravel()).max(), -k * inc.gap.min())) or k
+    row = _row_scale(inc)
+    scaled = replace(
+        inc,
+        stiffness=inc.stiffness * row[:, None] / k,
+        load=load * row / force,
         gap=inc.gap * k / force,
         previous=np.zeros_like(inc.previous),
-        mu=inc.mu,
-        free=inc.free,
     )
     return scaled, force, force / k
+
+
+def _origin(inc: Increment) -> Array:
+    """Return the displacement, ``(n, d)``, from which the nondimensional one is counted."""
+    return np.column_stack([np.zeros(len(inc.mu)), inc.previous])
 
 
 class _System:
@@ -211,76 +204,81 @@ class _System:
     def __init__(self, inc: Increment) -> None:
         """Prepare the constant parts of the Jacobian."""
         self.inc, self.contact, self.weight = inc, inc.contact, inc.node_stiffness
-        self.n, self.d = inc.free.shape
-        # Without friction or a free tangent, lam is undetermined: the node keeps the rows lam = 0,
-        # r_t = 0.
-        self.friction = (inc.mu > 0) & self.contact[:, 1:].any(axis=1)
+        (self.n, self.d), self.nodes = inc.free.shape, np.arange(len(inc.mu))
         self.size = self.n * (self.d + 1)
-        nodes = np.arange(self.n)
-        self.pick = np.zeros((self.n, self.d, self.size))  # derivative of y = weight (lam, s)
-        self.pick[nodes, 0, self.n * self.d + nodes] = self.weight
+        self.dy = np.zeros((self.n, self.d, self.size))  # of y = weight (lam, s)
+        self.dy[self.nodes, 0, self.n * self.d + self.nodes] = self.weight
         for k in range(1, self.d):
-            self.pick[nodes, k, nodes * self.d + k] = self.weight * self.contact[:, k]
+            self.dy[self.nodes, k, self.nodes * self.d + k] = self.weight * self.contact[:, k]
 
     def split(self, z: Array, eps: float = 0.0) -> tuple[Array, Array, Array]:
-        """Return ``q``, ``r`` and ``lam``; ``eps`` is the Tikhonov term, for floating bodies."""
+        """Return ``q``, ``r``, ``lam``; the Tikhonov term ``eps q`` holds a floating body."""
         q, lam = z[: self.n * self.d], z[self.n * self.d :]
         r = self.inc.stiffness @ q - self.inc.load + eps * q
         return q.reshape(self.n, self.d), r.reshape(self.n, self.d), lam
 
+    def solution(self, z: Array) -> tuple[Array, Array]:
+        """Return ``q`` and ``r``, with exact zeros in ``r`` at open nodes and outside contact."""
+        q, r, _ = self.split(z)
+        closed = r[:, 0] > self.weight * (self.inc.gap + q[:, 0])
+        return q, np.where(self.contact & closed[:, None], r, 0.0)
+
     def linearise(self, z: Array, eps: float) -> tuple[Array, Array]:
         """Return the residual and its Jacobian; ``eps = 0`` gives the exact, nonsmooth equations.
 
-        ``lam`` of an open node is undetermined. Smoothing fixes it only to order ``eps^2``, hence
-        the regularisation ``mu r_n + eps lam`` of the cone, and at ``eps = 0`` the rows ``lam = 0``.
+        At an open node smoothing determines ``lam`` only to order ``eps^2``. Hence the regularised
+        cone ``mu r_n + eps lam``, and at ``eps = 0`` the rows ``lam = 0, r_t = 0``.
         """
-        n, d = self.n, self.d
         q, r, lam = self.split(z, eps)
-        a = np.zeros((n, d, self.size))
-        a[:, :, : n * d] = (self.inc.stiffness + eps * np.eye(n * d)).reshape(n, d, -1)
-        normal, slope = _project(r[:, :1] - (self.weight * (self.inc.gap + q[:, 0]))[:, None], eps)
-        slope = np.where(self.contact[:, 0], slope[:, 0, 0], 0.0)
-        f_normal = r[:, 0] - np.where(self.contact[:, 0], normal[:, 0], 0.0)
-        j_normal = (1 - slope)[:, None] * a[:, 0]
-        j_normal[np.arange(n), np.arange(n) * d] += slope * self.weight
+        dr = np.zeros((self.n, self.d, self.size))
+        stiffness = self.inc.stiffness + eps * np.eye(self.n * self.d)
+        dr[:, :, : self.n * self.d] = stiffness.reshape(self.n, self.d, -1)
+        f_normal, j_normal, closed = self._normal(q, r, dr, eps)
 
         x = np.column_stack([self.inc.mu * r[:, 0] + eps * lam, r[:, 1:] * self.contact[:, 1:]])
         y = self.weight[:, None] * np.column_stack([lam, q[:, 1:] * self.contact[:, 1:]])
-        a[:, 0] = self.inc.mu[:, None] * a[:, 0] + eps * self.pick[:, 0] / self.weight[:, None]
-        value, dp = _project(x - y, eps)
-        f = x - value
-        # Rows outside the law: r_t = 0 where prescribed, lam = 0 and r_t = 0 without friction.
-        lawful = self.friction if eps > 0 else self.friction & (slope > 0)
-        off = ~(self.contact & lawful[:, None])
-        off[:, 0] = ~lawful
-        f[off] = np.column_stack([self.weight * lam, r[:, 1:]])[off]
-        dp = np.where(off[:, :, None], 0.0, dp)
-        dp[off[:, 0], 0, 0] = 1.0
-        j = np.einsum("nij,njm->nim", np.eye(d) - dp, a) + np.einsum("nij,njm->nim", dp, self.pick)
-        residual = np.column_stack([f_normal[:, None], f]).ravel()
-        return residual, np.concatenate([j_normal[:, None], j], axis=1).reshape(self.size, -1)
+        value, slope = _project(x - y, eps)
+        dx = dr.copy()
+        dx[:, 0] = self.inc.mu[:, None] * dr[:, 0] + eps * self.dy[:, 0] / self.weight[:, None]
+        # Rows outside the law: lam = 0 without friction, r_t = 0 there and where prescribed.
+        friction = (self.inc.mu > 0) & self.contact[:, 1:].any(axis=1) & closed
+        off = ~(self.contact & friction[:, None])
+        f = np.where(off, np.column_stack([self.weight * lam, r[:, 1:]]), x - value)
+        slope[off] = 0.0
+        slope[off[:, 0], 0, 0] = 1.0  # turns the row dx0 - slope (dx - dy) into dlam
+        j = dx - np.einsum("nij,njm->nim", slope, dx - self.dy)
+        j_all = np.concatenate([j_normal[:, None], j], axis=1).reshape(self.size, -1)
+        return np.column_stack([f_normal, f]).ravel(), j_all
+
+    def _normal(self, q: Array, r: Array, dr: Array, eps: float) -> tuple[Array, Array, Mask]:
+        """Return residual and Jacobian of ``0 <= r_n _|_ g >= 0`` and the nodes in contact."""
+        gap = self.weight * (self.inc.gap + q[:, 0])
+        value, slope = _plus(r[:, 0] - gap, eps)
+        value, slope = value * self.contact[:, 0], slope * self.contact[:, 0]
+        jacobian = (1 - slope)[:, None] * dr[:, 0]
+        jacobian[self.nodes, self.nodes * self.d] += slope * self.weight
+        return r[:, 0] - value, jacobian, slope > 0
 
 
-def _newton(system: _System, z: Array, eps: float, limit: int) -> tuple[Array, int]:
+def _newton(system: _System, z: Array, eps: float, limit: int = 30) -> tuple[Array, int]:
     """Damped Newton at fixed ``eps``; returns the last iterate and the number of factorisations."""
     f, jacobian = system.linearise(z, eps)
     for iteration in range(limit):
         merit = np.linalg.norm(f)
-        # Hayashi et al.: solve each smoothed problem to the order of eps only.
-        if merit <= 0.1 * eps:
+        if merit <= 0.1 * eps:  # Hayashi et al.: each smoothed problem only to the order of eps
             return z, iteration
-        step = _solve(jacobian, -f)
-        for halving in range(8):
-            trial = z + 0.5**halving * step
-            f, jacobian = system.linearise(trial, eps)
-            if np.linalg.norm(f) <= (1 - 1e-4 * 0.5**halving) * merit:
-                break
-        z = trial
+        step, length = _solve(jacobian, -f), 1.0
+        while True:
+            f, jacobian = system.linearise(z + length * step, eps)
+            if np.linalg.norm(f) <= (1 - 1e-4 * length) * merit or length < 0.01:
+                break  # the shortest step is taken even if uphill, to leave a bad point
+            length /= 2
+        z = z + length * step
     return z, limit
 
 
 def _solve(matrix: Array, rhs: Array) -> Array:
-    """Solve, in the least-squares sense where rigid motion or grazing contact is undetermined."""
+    """Solve, by least squares where a rigid motion or a grazing contact is undetermined."""
     try:
         x = np.linalg.solve(matrix, rhs)
         if np.linalg.norm(matrix @ x - rhs) <= 1e-6 * np.linalg.norm(rhs):
@@ -290,12 +288,88 @@ def _solve(matrix: Array, rhs: Array) -> Array:
     return np.asarray(np.linalg.lstsq(matrix, rhs, rcond=1e-13)[0])
 
 
-def _polish(system: _System, z: Array, tolerance: float, limit: int = 12) -> tuple[Array, int]:
-    """Full Newton steps at ``eps = 0``, where the spectral values pick open, slip or stick."""
+def _polish(system: _System, z: Array, limit: int = 12) -> tuple[Array, int]:
+    """Full Newton steps at ``eps = 0``, until rounding; spectral values pick open, slip or stick.
+
+    Returns:
+        Best iterate and the number of factorisations.
+    """
+    best, lowest = z, np.inf
     for iteration in range(limit):
-        q, r, _ = system.split(z)
-        if natural_residual(system.inc, q, r * system.contact) <= tolerance:
-            return z, iteration
+        residual = natural_residual(system.inc, *system.solution(z))
+        if lowest < 1e-9 and residual > 0.5 * lowest:
+            return best, iteration
+        if residual < lowest:
+            best, lowest = z, residual
         f, jacobian = system.linearise(z, 0.0)
         z = z + _solve(jacobian, -f)
-    return z, limit
+    return best, limit
+
+
+def _attempts(z: Array, warm: bool) -> Iterator[tuple[Array, list[tuple[float, float]]]]:
+    """Yield starting points with paths of (factor on mu, eps), the cheapest first.
+
+    The first path is right for nearly all increments. High friction can fold it: then friction is
+    raised in steps, the path is followed slowly, and in the end points are tried at random.
+    """
+    decades = [10.0**-k for k in range(9)]
+    yield z, [(1.0, eps) for eps in (decades[4:] if warm else decades)]
+    yield 0 * z, [(m, eps) for m in (0.0, 0.25, 0.5, 0.75, 1.0) for eps in decades[2:]]
+    yield 0 * z, [(1.0, 10.0 ** (-k / 3)) for k in range(-3, 25)]
+    rng = np.random.default_rng(0)
+    for spread in (1.0, 3.0, 10.0, 1.0, 3.0, 10.0):
+        yield spread * rng.normal(size=z.size), [(1.0, eps) for eps in decades[3:]]
+
+
+def solve_increment(
+    increment: Increment, *, tolerance: float = 1e-10, start: Array | None = None
+) -> ExactSolution:
+    """Solve one Signorini-Coulomb increment exactly.
+
+    Args:
+        increment: The condensed problem.
+        tolerance: Bound on `natural_residual`.
+        start: Displacement ``(n, d)`` to start from, to select a solution where there are several.
+
+    Returns:
+        A solution that passes the certificate, never another.
+
+    Raises:
+        NoExactSolution: If no attempt ends in a certified solution.
+    """
+    scaled, force_unit, length_unit = _nondimensional(increment)
+    system = _System(scaled)
+    z0 = np.zeros(system.size)
+    if start is not None:
+        q = (start - _origin(increment)) / length_unit
+        z0 = np.concatenate([q.ravel(), np.linalg.norm(q[:, 1:], axis=1)])
+    iterations, best = 0, np.full((system.n, 4), np.inf)
+    for first, path in _attempts(z0, start is not None):
+        z = first
+        for factor, eps in path:
+            eased = _System(replace(scaled, mu=factor * scaled.mu)) if factor < 1 else system
+            z, count = _newton(eased, z, eps)
+            iterations += count
+        z, count = _polish(system, z)
+        iterations += count
+        q, r = system.solution(z)
+        q, r = q * length_unit + _origin(increment), r * force_unit
+        table = _residuals(increment, q, r)
+        if table.max() <= tolerance:
+            gap, slip = increment.gap + q[:, 0], q[:, 1:] - increment.previous
+            return ExactSolution(q, r, gap, slip, float(table.max()), iterations)
+        best = table if table.max() < best.max() else best
+    raise NoExactSolution(_explain(increment, best, tolerance))
+
+
+def _explain(inc: Increment, table: Array, tolerance: float) -> str:
+    """Say how close the best attempt came, where it failed and what to try."""
+    worst = np.argsort(-table.max(axis=1))[:5]
+    balance, normal, cone, alignment = table.max(axis=0)
+    return (
+        f"no certified solution: relative residual {table.max():.2e} > {tolerance:.1e} "
+        f"(equilibrium {balance:.1e}, normal {normal:.1e}, cone {cone:.1e}, alignment "
+        f"{alignment:.1e}), worst at nodes {worst.tolist()} with mu = {inc.mu[worst].tolist()}. "
+        "Check that contact can hold a floating body under this load; with high friction take "
+        "smaller load steps or pass start."
+    )

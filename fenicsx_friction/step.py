@@ -28,6 +28,8 @@ NEWTON_TOLERANCE = 1e-11
 STAGE_TOLERANCE = 1e-6
 #: Smallest blend ``xi`` before 0, and the finest reduction of ``xi`` tried.
 SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
+#: A stage with at most this many iterations lets the next reduction be bolder.
+EASY_STAGE = 1
 #: A stage is a false root if a slip node leaves the cone by this fraction.
 FALSE_ROOT = 1e-6
 
@@ -132,6 +134,8 @@ def _ramp(
             accepted, last = state.save(problem.state), xi
             if xi == 0.0:
                 return reports
+            if report.iterations <= EASY_STAGE:
+                reduction = reduction**2
         else:
             state.restore(problem.state, accepted)
             reduction = np.sqrt(reduction)
@@ -147,9 +151,10 @@ def _freeze_stick(problem: FrictionalContactProblem, forces: float) -> int:
     for k, s in zip(problem.contacts, problem.nodal_states(), strict=True):
         k.c_stick.x.array[:] = k.c.x.array
         traction = np.linalg.norm(s.c[:, 1:], axis=1)
-        chosen = s.free[:, 1:].any(axis=1) & s.takes_part
+        # Without a stick force there is no direction to blend in: eq. (12) would be 0/0.
+        chosen = (traction > 0.0) & (s.states() != OPEN)
         if problem.settings.ramp_nodes == "violated":
-            chosen &= (traction > s.limit) & (s.states() != OPEN)
+            chosen &= traction > s.limit
         n = k.surface.num_owned
         k.slipping.x.array[:n] = chosen
         # The elastic displacement under the stick force: a slip length free of units.

@@ -18,12 +18,11 @@ DEFAULT_OPTIONS: dict[str, object] = {
     "ksp_type": "preonly",
     "pc_type": "lu",
     "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_14": 60,
 }
 
 #: Reductions of the residual below which stagnation is taken for rounding.
 ROUNDING = 1e-8
-#: A residual that returns to this relative accuracy within a few iterations is a cycle.
+#: A residual that returns to this relative accuracy within 15 iterations is a cycle.
 CYCLE = 1e-6
 
 
@@ -159,7 +158,7 @@ class Substep:
             return reason.CONVERGED_FNORM_ABS
         if it > 0 and norm <= ROUNDING / 1e-11 * atol and norm >= 0.5 * self._history[-2]:
             return reason.CONVERGED_SNORM_RELATIVE
-        self._cycled = any(abs(norm - old) <= CYCLE * norm for old in self._history[-8:-2])
+        self._cycled = any(abs(norm - old) <= CYCLE * norm for old in self._history[-16:-2])
         if self._cycled or it >= max_it:
             return reason.DIVERGED_MAX_IT
         return reason.ITERATING
