@@ -8,12 +8,12 @@ through its limit, the projection is written anew.
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
-from mpi4py import MPI
-
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[np.floating]
 OPEN, STICK, SLIP = 0, 1, 2
 
 
@@ -147,8 +147,7 @@ def certify(
         traction, or to ``1e-6`` of the force scale over the smallest nodal area where contact
         is still fainter.
     """
-    names = ("normal_map", "tangential_map", "penetration", "tension")
-    names += ("complementarity", "cone", "alignment")
+    names = [f.name for f in fields(Certificate)][:7]
     worst = np.zeros(len(names))
     traction = np.zeros(2)
     for state in states:
@@ -157,8 +156,8 @@ def certify(
         work = state.limit * np.linalg.norm(state.slip, axis=1) + np.einsum(
             "ij,ij->i", state.c[:, 1:], state.slip
         )
-        quantities = (*state.natural_map(), -state.gap, -c_n, abs(c_n * state.gap))
-        quantities += (c_t - state.limit, abs(work))
+        signorini = [-state.gap, -c_n, abs(c_n * state.gap)]
+        quantities = [*state.natural_map(), *signorini, c_t - state.limit, abs(work)]
         worst = np.maximum(worst, [np.max(q * part, initial=0.0) for q in quantities])
         largest = np.max(np.hypot(c_n, c_t), initial=0.0)
         per_area = np.max(1.0 / state.area, initial=0.0)

@@ -20,9 +20,7 @@ if _found < MINIMUM_DOLFINX:
     raise ImportError(f"fenicsx_friction needs DOLFINx >= 0.11, found {dolfinx.__version__}.")
 
 
-def exterior_facet_entities(
-    msh: mesh.Mesh, facets: npt.NDArray[np.int32]
-) -> npt.NDArray[np.int32]:
+def exterior_facet_entities(msh: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
     """Return the (cell, local facet) pairs of the owned exterior facets among ``facets``."""
     tdim = msh.topology.dim
     msh.topology.create_connectivity(tdim - 1, tdim)

@@ -4,7 +4,7 @@
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import default_scalar_type, fem
+from dolfinx import fem
 from ufl.core.expr import Expr
 
 from . import laws
@@ -12,10 +12,14 @@ from .compat import bc_space_contains, unrolled_bc_dofs
 from .errors import ContactInputError
 from .friction import FrictionLaw
 from .obstacles import Kinematics, Obstacle, kinematics
-from .surface import ContactSurface, NodalExpression
+from .surface import ContactSurface
 
 #: A normal this close to the span of the prescribed directions counts as prescribed.
 PRESCRIBED_NORMAL = 1e-8
+
+#: Forces below this fraction of stiffness times displacement count as nothing: tolerances of
+#: 1e-9 of them are what rounding leaves.
+RESOLUTION = 1e-4
 
 
 class Contact:
@@ -67,6 +71,7 @@ class Contact:
 
     def bind(self, u: fem.Function, u_old: fem.Function) -> None:
         """Derive the kinematics for the displacement ``u`` and its last accepted value."""
+        self._u, self._parent_dofs = u, self.surface.parent_dofs(u.function_space)
         X = ufl.SpatialCoordinate(self.surface.mesh)
         self.kinematics: Kinematics = kinematics(self.obstacle, X + u, u - u_old, self.hint)
         # A prescribed tangential direction neither slips nor carries friction here.
@@ -107,7 +112,7 @@ class Contact:
 
     # -- nodal values --------------------------------------------------------------------
 
-    def nodal(self) -> dict[str, npt.NDArray[np.float64]]:
+    def nodal(self) -> dict[str, npt.NDArray[np.floating]]:
         """Return the owned nodes' ``gap, slip, limit, c, r, area`` as plain arrays."""
         n = self.surface.num_owned
         values = self._evaluate()
@@ -120,7 +125,14 @@ class Contact:
             "area": self.surface.area.x.array[:n].copy(),
         }
 
-    def nodal_traction(self) -> npt.NDArray[np.float64]:
+    def resolution(self) -> npt.NDArray[np.floating]:
+        """Return a force (N) at each owned node below which rounding of ``K u`` hides detail."""
+        n, bs = self.surface.num_owned, self._u.function_space.dofmap.index_map_bs
+        u = self._u.x.array.reshape(-1, bs)[self._parent_dofs[:n]]
+        stiffness = self.r.x.array[:n] * self.surface.area.x.array[:n]
+        return RESOLUTION * stiffness * np.linalg.norm(u, axis=1)
+
+    def nodal_traction(self) -> npt.NDArray[np.floating]:
         """Return the owned nodes' traction vectors on the body in global axes (Pa)."""
         return self._traction()
 
@@ -129,11 +141,11 @@ class Contact:
     def set_scale(self, stiffness_diagonal: fem.Function) -> None:
         """Set ``r_p`` at each node from the diagonal of the bulk stiffness (N/m)."""
         V = stiffness_diagonal.function_space
-        dofs, bs = self.surface.parent_dofs(V), V.dofmap.index_map_bs
+        bs = V.dofmap.index_map_bs
         if self._r_p is not None:
             self.r.x.array[:] = self._r_p
             return
-        diagonal = stiffness_diagonal.x.array.reshape(-1, bs)[dofs].mean(axis=1)
+        diagonal = stiffness_diagonal.x.array.reshape(-1, bs)[self._parent_dofs].mean(axis=1)
         self.r.x.array[:] = diagonal / self.surface.area.x.array
         self.r.x.scatter_forward()
 
@@ -141,7 +153,9 @@ class Contact:
         """Multiply ``r_p`` at all nodes."""
         self.r.x.array[:] *= factor
 
-    def pin_prescribed(self, V: fem.FunctionSpace, bcs: list[fem.DirichletBC]) -> list[fem.DirichletBC]:
+    def pin_prescribed(
+        self, V: fem.FunctionSpace, bcs: list[fem.DirichletBC]
+    ) -> list[fem.DirichletBC]:
         """Find the prescribed contact directions and constrain their multipliers to zero.
 
         The tangent frame of a node with one prescribed Cartesian direction is turned so that
@@ -169,7 +183,7 @@ class Contact:
         self.free.x.array[:] = np.where(pinned, 0.0, 1.0).ravel()
         return [
             fem.dirichletbc(
-                default_scalar_type(0.0),
+                0.0,
                 (np.flatnonzero(pinned[:, k]) * gdim + k).astype(np.int32),
                 Q.sub(k),
             )
@@ -185,11 +199,9 @@ class Contact:
             if bc_space_contains(V, bc):
                 fixed.x.array[unrolled_bc_dofs(bc)] = 1.0
         fixed.x.scatter_forward()
-        return fixed.x.array.reshape(-1, V.dofmap.index_map_bs)[self.surface.parent_dofs(V)] > 0.5
+        return fixed.x.array.reshape(-1, V.dofmap.index_map_bs)[self._parent_dofs] > 0.5
 
-    def _set_hint(
-        self, fixed: npt.NDArray[np.bool_], normals: npt.NDArray[np.float64]
-    ) -> None:
+    def _set_hint(self, fixed: npt.NDArray[np.bool_], normals: npt.NDArray[np.floating]) -> None:
         """Point the hint along a single prescribed axis, else along the most tangential one."""
         axis = np.where(fixed.sum(axis=1) == 1, fixed.argmax(axis=1), abs(normals).argmin(axis=1))
         self.hint.x.array[:] = np.eye(normals.shape[1])[axis].ravel()

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,7 +49,7 @@ def _worst_nodes(problem: FrictionalContactProblem) -> list[str]:
                     f"tangential map {tangential[i]:.3e} Pa, gap {s.gap[i]:.3e} m",
                 )
             )
-    gathered = sorted(sum(problem.comm.allgather(rows), []), reverse=True)
+    gathered = sorted(chain.from_iterable(problem.comm.allgather(rows)), reverse=True)
     return ["Worst contact nodes:", *(text for _, text in gathered[:NODES_NAMED])]
 
 

@@ -22,7 +22,7 @@ from .friction import Coulomb
 from .problem import FrictionalContactProblem
 from .soclcp import Increment, solve_increment
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[np.floating]
 #: The bulk counts as linear if its residual is that close to ``K u - b``, relative.
 LINEAR = 1e-9
 

@@ -17,6 +17,7 @@ new approach for finite-amplitude Coulomb frictional contact" (2019).
 import math
 
 import ufl
+from ufl.algebra import Abs
 from ufl.core.expr import Expr
 
 
@@ -53,7 +54,7 @@ def ramp(x: Expr, eps: Expr) -> Expr:
     """
     ln2 = math.log(2.0)
     safe = ufl.conditional(ufl.gt(eps, 0.0), eps, 1.0)
-    return positive(x) + eps / ln2 * ufl.ln(1.0 + ufl.exp(-ln2 * abs(x) / safe))
+    return positive(x) + eps / ln2 * ufl.ln(1.0 + ufl.exp(-ln2 * Abs(x) / safe))
 
 
 def normal_row(g: Expr, c_n: Expr, r: Expr, eps: Expr) -> Expr:

@@ -33,9 +33,7 @@ def share_facet_data(
     entities = dict(_user_entities(forms, surfaces[0].mesh))
     first = max(entities, default=0) + 1
     ids = list(range(first, first + len(surfaces)))
-    entities.update(
-        (tag, surface.entities) for tag, surface in zip(ids, surfaces, strict=True)
-    )
+    entities.update((tag, surface.entities) for tag, surface in zip(ids, surfaces, strict=True))
     data: Entities = sorted(entities.items(), key=lambda item: item[0])
     shared = [
         ufl.Form(

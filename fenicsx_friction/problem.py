@@ -5,13 +5,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from mpi4py import MPI
+
 import numpy as np
 import ufl
-from dolfinx import default_scalar_type, fem
+from dolfinx import default_scalar_type, fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
 from dolfinx.la import InsertMode
-
-from mpi4py import MPI
 
 from . import step
 from .certificate import OPEN, SLIP, STICK, Certificate, NodalState, certify
@@ -87,6 +87,7 @@ class FrictionalContactProblem:
         num_steps: Number of accepted steps.
         accepted: Nodal values of each contact (this rank's nodes) in the last accepted step.
         monitor: Called with each :class:`~fenicsx_friction.substep.SubstepReport`, or ``None``.
+        constrained_dofs: Dofs of ``u`` under a boundary condition (local, unrolled).
         bulk: The momentum balance without contact, ready to be assembled.
         stick: The stick predictor, eq. (14).
         slip: The slip corrector, eq. (15).
@@ -102,7 +103,7 @@ class FrictionalContactProblem:
         petsc_options_prefix: str,
         bcs: Sequence[fem.DirichletBC] | None = None,
         petsc_options: Mapping[str, object] | None = None,
-        entity_maps: Sequence[object] | None = None,
+        entity_maps: Sequence[mesh.EntityMap] | None = None,
         settings: StepSettings | None = None,
     ) -> None:
         blocks = [F] if isinstance(F, ufl.Form) else list(F)
@@ -131,7 +132,8 @@ class FrictionalContactProblem:
             for k, ds in zip(self.contacts, measures, strict=True)
         )
         self._momentum_form = fem.form(self._momentum, entity_maps=self._entity_maps)
-        self._loaded = _constrained_dofs(V, self.bcs)
+        self._bulk_form = fem.form(self.bulk, entity_maps=self._entity_maps)
+        self.constrained_dofs = _constrained_dofs(V, self.bcs)
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
 
         def substep(name: str, rows: Callable[[Contact], object]) -> Substep:
@@ -169,36 +171,54 @@ class FrictionalContactProblem:
 
     # -- what the step is made of ----------------------------------------------------------
 
-    def run(self, substep: Substep, tolerance: float, **options: object) -> SubstepReport:
-        """Run one substep with ``xi`` and ``eps`` of ``options`` and tell the monitor."""
-        options = {"xi": 0.0, "eps": 0.0} | options
-        self._xi.value, self._eps.value = options["xi"], options["eps"]
-        report = substep.solve(tolerance, **options)  # type: ignore[arg-type]
+    def run(
+        self,
+        substep: Substep,
+        tolerance: float,
+        *,
+        xi: float = 0.0,
+        eps: float = 0.0,
+        line_search: str | None = None,
+        max_it: int | None = None,
+    ) -> SubstepReport:
+        """Run one substep at ``xi`` and ``eps`` (Pa) and tell the monitor."""
+        self._xi.value, self._eps.value = np.asarray(xi), np.asarray(eps)
+        report = substep.solve(tolerance, xi=xi, eps=eps, line_search=line_search, max_it=max_it)
         if self.monitor is not None:
             self.monitor(report)
         return report
+
+    def assemble_momentum(self) -> np.ndarray:
+        """Return the unbalanced nodal forces (N), reactions at prescribed dofs; owned dofs."""
+        return assemble_owned(self._momentum_form)
+
+    def assemble_bulk(self) -> np.ndarray:
+        """Return the nodal forces (N) without those of contact; owned dofs."""
+        return assemble_owned(self._bulk_form)
 
     def nodal_states(self) -> list[NodalState]:
         """Return the nodal values of each contact on this rank."""
         return [
             NodalState(
                 **k.nodal(),
-                free=k.free.x.array.reshape(-1, len(k.tangential) + 1)[: k.surface.num_owned]
-                > 0.5,
+                free=k.free.x.array.reshape(-1, len(k.tangential) + 1)[: k.surface.num_owned] > 0.5,
             )
             for k in self.contacts
         ]
 
-    def certify(self) -> Certificate:
-        """Certify the current values of the unknowns as a solution of the increment."""
+    def certify(self, step_force: float = 0.0) -> Certificate:
+        """Certify the current values of the unknowns as a solution of the increment.
+
+        Args:
+            step_force: Largest unbalanced nodal force at the start of the step (N), which sets
+                the scale of a step that releases all contact.
+        """
         states = self.nodal_states()
-        vector = fem.assemble_vector(self._momentum_form)
-        vector.scatter_reverse(InsertMode.add)
-        owned = self.u.function_space.dofmap.index_map.size_local
-        force = abs(vector.array[: owned * self.u.function_space.dofmap.index_map_bs])
-        free = np.setdiff1d(np.arange(len(force)), self._loaded)
+        force = abs(self.assemble_momentum())
+        free = np.setdiff1d(np.arange(len(force)), self.constrained_dofs)
         largest = max(
-            [np.max(force, initial=0.0)]
+            [np.max(force, initial=0.0), step_force]
+            + [np.max(k.resolution(), initial=0.0) for k in self.contacts]
             + [np.max(s.area * np.linalg.norm(s.c, axis=1), initial=0.0) for s in states]
         )
         return certify(
@@ -258,6 +278,13 @@ class FrictionalContactProblem:
                 "The bulk residual has no positive stiffness at some contact node; check F, its "
                 "sign (internal minus external forces) and the initial u, or give Contact(r_p=...)."
             )
+
+
+def assemble_owned(form: fem.Form) -> np.ndarray:
+    """Assemble a linear form and return the values of the owned dofs."""
+    vector = fem.assemble_vector(form)
+    vector.scatter_reverse(InsertMode.add)
+    return np.asarray(vector.array[: vector.index_map.size_local * vector.block_size])
 
 
 def _check_input(

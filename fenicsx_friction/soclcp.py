@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 __all__ = ["ExactSolution", "Increment", "NoExactSolution", "natural_residual", "solve_increment"]
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[np.floating]
 Mask = npt.NDArray[np.bool_]
 
 
@@ -121,8 +121,9 @@ def _residuals(inc: Increment, q: Array, r: Array) -> Array:
     cone = np.maximum(np.linalg.norm(r[:, 1:], axis=1) - inc.mu * r[:, 0], 0.0)
     alignment = np.linalg.norm((x - _project(x - y, 0.0)[0]) * contact[:, :1], axis=1)
     stray = np.linalg.norm(np.where(contact, 0.0, r), axis=1)  # force where there is no contact
-    # Equilibrium cannot be tested more closely than the rounding of A q, 1e-16 |A| |q|.
-    rounding = 1e-5 * (np.abs(inc.stiffness) @ np.abs(q.ravel()))
+    # Equilibrium and slip cannot be tested more closely than their rounding, 1e-16 |A| |q|.
+    sizes = np.abs(q) + np.abs(_origin(inc))
+    rounding = 1e-5 * (np.abs(inc.stiffness) @ sizes.ravel())
     scale = np.max(np.abs([r.ravel(), inc.load, rounding]) * inc.free.ravel()) or 1.0
     table = [np.linalg.norm(balance, axis=1), normal, cone, alignment + stray]
     return np.asarray(np.abs(np.column_stack(table)) / scale)
@@ -310,15 +311,25 @@ def _attempts(z: Array, warm: bool) -> Iterator[tuple[Array, list[tuple[float, f
     """Yield starting points with paths of (factor on mu, eps), the cheapest first.
 
     The first path is right for nearly all increments. High friction can fold it: then friction is
-    raised in steps, the path is followed slowly, and in the end points are tried at random.
+    raised in steps, each solved exactly, and in the end points are tried at random.
     """
-    decades = [10.0**-k for k in range(9)]
-    yield z, [(1.0, eps) for eps in (decades[4:] if warm else decades)]
-    yield 0 * z, [(m, eps) for m in (0.0, 0.25, 0.5, 0.75, 1.0) for eps in decades[2:]]
-    yield 0 * z, [(1.0, 10.0 ** (-k / 3)) for k in range(-3, 25)]
+    yield z, [(1.0, 10.0**-k) for k in range(4 if warm else 0, 9)] + [(1.0, 0.0)]
+    for steps in (10, 40):
+        factors = np.arange(steps + 1) / steps
+        yield 0 * z, [(float(m), eps) for m in factors for eps in (1e-2, 1e-4, 1e-6, 0.0)]
     rng = np.random.default_rng(0)
-    for spread in (1.0, 3.0, 10.0, 1.0, 3.0, 10.0):
-        yield spread * rng.normal(size=z.size), [(1.0, eps) for eps in decades[3:]]
+    for spread in 4 * (1.0, 3.0, 10.0):
+        yield spread * rng.normal(size=z.size), [(1.0, eps) for eps in (1e-3, 1e-6, 0.0)]
+
+
+def _follow(scaled: Increment, z: Array, path: list[tuple[float, float]]) -> tuple[Array, int]:
+    """Follow a path from ``z``; returns its end and the number of factorisations."""
+    total = 0
+    for factor, eps in path:
+        system = _System(replace(scaled, mu=factor * scaled.mu))
+        z, count = _newton(system, z, eps) if eps > 0 else _polish(system, z)
+        total += count
+    return z, total
 
 
 def solve_increment(
@@ -344,15 +355,10 @@ def solve_increment(
         q = (start - _origin(increment)) / length_unit
         z0 = np.concatenate([q.ravel(), np.linalg.norm(q[:, 1:], axis=1)])
     iterations, best = 0, np.full((system.n, 4), np.inf)
-    for first, path in _attempts(z0, start is not None):
-        z = first
-        for factor, eps in path:
-            eased = _System(replace(scaled, mu=factor * scaled.mu)) if factor < 1 else system
-            z, count = _newton(eased, z, eps)
-            iterations += count
-        z, count = _polish(system, z)
+    for z, path in _attempts(z0, start is not None):
+        end, count = _follow(scaled, z, path)
         iterations += count
-        q, r = system.solution(z)
+        q, r = system.solution(end)
         q, r = q * length_unit + _origin(increment), r * force_unit
         table = _residuals(increment, q, r)
         if table.max() <= tolerance:

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from mpi4py import MPI
+
+import numpy as np
 
 from . import state
 from .certificate import OPEN
@@ -55,16 +55,17 @@ FALLBACKS = (
 def advance(problem: FrictionalContactProblem) -> StepReport:
     """Solve, certify and commit one increment; see ``FrictionalContactProblem.solve``."""
     start = state.save(problem.state)
-    forces = _force_scale(problem)
+    unbalanced, largest = problem.projection.residual_norms()
+    forces = max(unbalanced, *_contact_forces(problem))
     substeps: list[SubstepReport] = []
     for attempt in (None, Attempt(problem.settings.corrector), *FALLBACKS):
         state.restore(problem.state, start)
         if attempt is not None:
             with _scaled(problem, attempt.r_factor):
                 substeps += _correct(problem, attempt, forces)
-        elif problem.projection.residual_norm() > NEWTON_TOLERANCE * forces:
+        elif unbalanced > NEWTON_TOLERANCE * forces:
             continue  # else the loads did not change and the state is its own solution
-        certificate = problem.certify()
+        certificate = problem.certify(largest)
         report = StepReport(
             problem.num_steps + 1,
             problem.settings.corrector,
@@ -176,13 +177,14 @@ def _false_root(problem: FrictionalContactProblem) -> bool:
     return bool(problem.comm.allreduce(found, MPI.LOR))
 
 
-def _force_scale(problem: FrictionalContactProblem) -> float:
-    """Return the forces (2-norm, N) of the step: the unbalanced ones or those in contact."""
-    local = sum(
-        float(np.sum((s.area[:, None] * s.c) ** 2)) for s in problem.nodal_states()
-    )
-    contact = np.sqrt(problem.comm.allreduce(local, MPI.SUM))
-    return max(problem.projection.residual_norm(), float(contact))
+def _contact_forces(problem: FrictionalContactProblem) -> tuple[float, float]:
+    """Return the contact forces and the resolution of forces (2-norms over the nodes, N)."""
+    squares = np.zeros(2)
+    for k, s in zip(problem.contacts, problem.nodal_states(), strict=True):
+        forces = s.area[:, None] * s.c
+        squares += np.sum(forces**2), np.sum(k.resolution() ** 2)
+    contact, resolution = np.sqrt(problem.comm.allreduce(squares, MPI.SUM))
+    return float(contact), float(resolution)
 
 
 def _expected_traction(problem: FrictionalContactProblem, forces: float) -> float:

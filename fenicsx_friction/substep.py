@@ -4,12 +4,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from petsc4py import PETSc
+
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from dolfinx.fem.petsc import NonlinearProblem, assign
-
-from petsc4py import PETSc
 
 DEFAULT_OPTIONS: dict[str, object] = {
     "snes_type": "newtonls",
@@ -74,7 +74,7 @@ class Substep:
         bcs: Sequence[fem.DirichletBC],
         prefix: str,
         options: Mapping[str, object] | None,
-        entity_maps: Sequence[object],
+        entity_maps: Sequence[mesh.EntityMap],
     ) -> None:
         self.name, self._forms, self._unknowns = name, forms, unknowns
         self._bcs, self._entity_maps = bcs, entity_maps
@@ -100,12 +100,12 @@ class Substep:
             self._problem.solver.setConvergenceTest(self._test)
         return self._problem
 
-    def residual_norm(self) -> float:
-        """Return the 2-norm of the residual (N) at the current values of the unknowns."""
+    def residual_norms(self) -> tuple[float, float]:
+        """Return 2-norm and largest entry of the residual (N) at the current unknowns."""
         problem = self.problem
         assign(problem.u, problem.x)
         problem.solver.computeFunction(problem.x, problem.b)
-        return float(problem.b.norm())
+        return float(problem.b.norm()), float(problem.b.norm(PETSc.NormType.INFINITY))
 
     def solve(
         self,

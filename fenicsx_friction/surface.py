@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: MIT
 """The contact surface: tagged facets, their submesh, multiplier space, nodes and nodal areas."""
 
+from mpi4py import MPI
+
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem, la, mesh
 from ufl.core.expr import Expr
-
-from mpi4py import MPI
 
 from .compat import exterior_facet_entities
 from .errors import ContactInputError
@@ -74,7 +74,7 @@ class ContactSurface:
         return int(self.S.dofmap.index_map.size_local)
 
     @property
-    def x(self) -> npt.NDArray[np.float64]:
+    def x(self) -> npt.NDArray[np.floating]:
         """Reference coordinates (m) of the owned nodes, one row a node."""
         return self.S.tabulate_dof_coordinates()[: self.num_owned]
 
@@ -87,7 +87,7 @@ class ContactSurface:
         """Return an object that evaluates a UFL expression at the contact nodes."""
         return NodalExpression(self, expression)
 
-    def _assemble(self, form: ufl.Form, space: fem.FunctionSpace) -> npt.NDArray[np.float64]:
+    def _assemble(self, form: ufl.Form, space: fem.FunctionSpace) -> npt.NDArray[np.floating]:
         """Assemble a linear form on the submesh; return owned and ghost values."""
         vector = fem.assemble_vector(fem.form(form, entity_maps=[self.entity_map]))
         return _accumulate(vector, space.dofmap.index_map_bs)
@@ -146,18 +146,16 @@ class NodalExpression:
             ufl.inner(expression, q) * surface.measure(), entity_maps=[surface.entity_map]
         )
 
-    def __call__(self) -> npt.NDArray[np.float64]:
+    def __call__(self) -> npt.NDArray[np.floating]:
         """Return the values at the owned nodes, one row a node."""
         n = self._surface.num_owned
         values = _accumulate(fem.assemble_vector(self._form), self._space.dofmap.index_map_bs)
         return values[:n] / self._surface.area.x.array[:n, None]
 
 
-def _accumulate(vector: "fem.la.Vector", bs: int) -> npt.NDArray[np.float64]:
+def _accumulate(vector: la.Vector, bs: int) -> npt.NDArray[np.floating]:
     """Add ghost contributions to their owners and return all values, one row a node."""
-    from dolfinx.la import InsertMode
-
-    vector.scatter_reverse(InsertMode.add)
+    vector.scatter_reverse(la.InsertMode.add)
     vector.scatter_forward()
     return vector.array.reshape(-1, bs).copy()
 

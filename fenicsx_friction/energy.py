@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: MIT
+"""Energy audit: external work = stored energy + dissipation + defect, step by step."""
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from .problem import FrictionalContactProblem, assemble_owned
+
+
+@dataclass(frozen=True)
+class EnergyBalance:
+    """Energies of one accepted step (J, per unit depth in 2D).
+
+    Attributes:
+        external_work: Work of the loads and of the reactions at prescribed displacements.
+        stored: Change of the stored energy.
+        dissipation: Frictional work ``-sum area c_t . s`` with the tractions at the step's end.
+        smallest_dissipation: The smallest frictional work of a node; negative would be unphysical.
+        contact_work: Work of the contact forces on the body by the trapezoidal rule.
+    """
+
+    external_work: float
+    stored: float
+    dissipation: float
+    smallest_dissipation: float
+    contact_work: float
+
+    @property
+    def defect(self) -> float:
+        """``external_work - stored - dissipation``: what finite steps miss.
+
+        The law is fulfilled at the end of the step, work is done along it: for a body with
+        quadratic energy the defect is ``-contact_work - dissipation``; it vanishes with the step.
+        """
+        return self.external_work - self.stored - self.dissipation
+
+
+class EnergyAudit:
+    """Audits the accepted steps of a problem; create it before the first step.
+
+    Args:
+        problem: The problem.
+        stored: Stored energy, a UFL functional of ``u`` (J).
+        loads: Virtual work of the external forces, a UFL linear form, or ``None`` without loads.
+    """
+
+    def __init__(
+        self, problem: FrictionalContactProblem, stored: ufl.Form, loads: ufl.Form | None = None
+    ) -> None:
+        self._problem = problem
+        self._stored = fem.form(stored)
+        self._loads = None if loads is None else fem.form(loads)
+        self._u = problem.u.x.array.copy()
+        self._energy, self._forces, self._contact = self._evaluate()
+
+    def update(self) -> EnergyBalance:
+        """Balance the step accepted since the last call; collective."""
+        energy, forces, contact = self._evaluate()
+        owned = len(forces)
+        du = (self._problem.u.x.array - self._u)[:owned]
+        nodal = np.concatenate(
+            [-s.area * np.einsum("ij,ij->i", s.c[:, 1:], s.slip) for s in self._problem.accepted]
+        )
+        comm = self._problem.comm
+        local = [(forces + self._forces) @ du / 2.0, np.sum(nodal)]
+        local.append((contact + self._contact) @ du / 2.0)
+        work, dissipation, contact_work = comm.allreduce(np.array(local), MPI.SUM)
+        balance = EnergyBalance(
+            external_work=float(work),
+            stored=energy - self._energy,
+            dissipation=float(dissipation),
+            smallest_dissipation=comm.allreduce(float(np.min(nodal, initial=np.inf)), MPI.MIN),
+            contact_work=float(contact_work),
+        )
+        self._u = self._problem.u.x.array.copy()
+        self._energy, self._forces, self._contact = energy, forces, contact
+        return balance
+
+    def _evaluate(self) -> tuple[float, npt.NDArray[np.floating], npt.NDArray[np.floating]]:
+        """Return stored energy, external and contact forces (owned dofs) at the current state."""
+        comm = self._problem.comm
+        energy = float(comm.allreduce(fem.assemble_scalar(self._stored), MPI.SUM))
+        contact = self._problem.assemble_bulk() - self._problem.assemble_momentum()
+        forces = np.zeros_like(contact)
+        held = self._problem.constrained_dofs
+        held = held[held < len(forces)]
+        # The residual that remains at prescribed dofs is the reaction.
+        forces[held] = self._problem.assemble_momentum()[held]
+        if self._loads is not None:
+            forces += assemble_owned(self._loads)
+        return energy, forces, contact

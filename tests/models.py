@@ -1,0 +1,149 @@
+"""Small problems that several tests share."""
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+
+import fenicsx_friction as ff
+
+#: Pressures of the Raous rectangle (Pa) and its side (m), see tests/data.
+LATERAL, TOP, SIDE = 150e6, 50e6, 40e-3
+
+
+@dataclass
+class Raous:
+    """The Raous rectangle; ``load`` sets the fractions of the two pressures."""
+
+    problem: ff.FrictionalContactProblem
+    contact: ff.Contact
+    pressures: tuple[fem.Constant, fem.Constant]
+    stored: ufl.Form
+    loads: ufl.Form
+
+    def load(self, lateral: float, top: float) -> None:
+        self.pressures[0].value = lateral * LATERAL
+        self.pressures[1].value = top * TOP
+
+
+def tagged_facets(msh, *markers):
+    """Tag boundary facets 1, 2, ... by geometrical markers."""
+    fdim = msh.topology.dim - 1
+    groups = [mesh.locate_entities_boundary(msh, fdim, marker) for marker in markers]
+    facets = np.concatenate(groups)
+    tags = np.repeat(np.arange(1, len(groups) + 1, dtype=np.int32), [len(g) for g in groups])
+    order = np.argsort(facets)
+    return mesh.meshtags(msh, fdim, facets[order], tags[order])
+
+
+def raous(nx, ny, mu, prefix, *, bbar=False, comm=MPI.COMM_WORLD, unit=1.0, **settings) -> Raous:
+    """Build the Raous rectangle; ``unit`` scales lengths (1e3: mm and N/mm² = 1e-6 Pa)."""
+    side, pressure = SIDE * unit, unit**-2
+    msh = mesh.create_rectangle(
+        comm, [[0.0, 0.0], [side, side]], [nx, ny], mesh.CellType.quadrilateral
+    )
+    tags = tagged_facets(
+        msh,
+        lambda x: np.isclose(x[1], 0.0),
+        lambda x: np.isclose(x[0], 0.0),
+        lambda x: np.isclose(x[1], side),
+        lambda x: np.isclose(x[0], side),
+    )
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    u, v = fem.Function(V, name="u"), ufl.TestFunction(V)
+    lateral, top = (fem.Constant(msh, p * pressure) for p in (LATERAL, TOP))
+    ds = ufl.Measure("ds", domain=msh, subdomain_data=tags)
+    loads = lateral * v[0] * ds(2) - top * v[1] * ds(3)
+    steel = ff.bulk.Elastic(E=130e9 * pressure, nu=0.2)
+    stored = ff.bulk.stored_energy(ff.bulk.small_strain_energy(u, steel), ufl.dx, bbar=bbar)
+    held = fem.locate_dofs_topological(V.sub(0), 1, tags.find(4))
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1), ff.RigidPlane((0.0, 0.0), (0.0, 1.0)), ff.Coulomb(mu)
+    )
+    problem = ff.FrictionalContactProblem(
+        ufl.derivative(stored, u, v) - loads,
+        u,
+        contact=contact,
+        bcs=[fem.dirichletbc(0.0, held, V.sub(0))],
+        petsc_options_prefix=prefix,
+        settings=ff.StepSettings(**settings),
+    )
+    return Raous(problem, contact, (lateral, top), stored, loads)
+
+
+@dataclass
+class Block:
+    """A 3D block on a rigid plane, its top moved by ``move``."""
+
+    problem: ff.FrictionalContactProblem
+    contact: ff.Contact
+    top: fem.Function
+    frame: np.ndarray
+    stored: ufl.Form
+
+    def move(self, x: float, y: float, z: float) -> None:
+        """Prescribe the displacement of the top in the block's own axes."""
+        displacement = np.array([x, y, z]) @ self.frame
+        self.top.x.array[:] = np.tile(displacement, len(self.top.x.array) // 3)
+
+
+def block(
+    cell, mu, prefix, *, n=(4, 3, 2), energy="small", rotation=None, comm=MPI.COMM_WORLD, **settings
+) -> Block:
+    """Build the block ``1.2 x 0.9 x 0.5`` with ``E = 1000``, ``nu = 0.3``, rotated with its plane."""
+    size = (1.2, 0.9, 0.5)
+    msh = mesh.create_box(comm, [[0.0] * 3, size], n, getattr(mesh.CellType, cell))
+    tags = tagged_facets(
+        msh, lambda x: np.isclose(x[2], 0.0), lambda x: np.isclose(x[2], size[2])
+    )
+    frame = np.eye(3) if rotation is None else np.asarray(rotation)
+    offset = np.zeros(3) if rotation is None else np.array([0.3, -2.0, 5.0])
+    msh.geometry.x[:] = msh.geometry.x @ frame + offset
+    V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
+    u, v = fem.Function(V, name="u"), ufl.TestFunction(V)
+    rubber = ff.bulk.Elastic(E=1000.0, nu=0.3)
+    density = {"small": ff.bulk.small_strain_energy, "finite": ff.bulk.neo_hooke_energy}[energy]
+    stored = ff.bulk.stored_energy(density(u, rubber), ufl.dx)
+    top = fem.Function(V, name="top")
+    held = fem.locate_dofs_topological(V, 2, tags.find(2))
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1), ff.RigidPlane(offset, frame[2]), ff.Coulomb(mu)
+    )
+    problem = ff.FrictionalContactProblem(
+        ufl.derivative(stored, u, v),
+        u,
+        contact=contact,
+        bcs=[fem.dirichletbc(top, held)],
+        petsc_options_prefix=prefix,
+        settings=ff.StepSettings(**settings),
+    )
+    return Block(problem, contact, top, frame, stored)
+
+
+#: Top displacements: press, an L-shaped sweep, and back: stick, slip, turn and reversal.
+L_PATH = [
+    (0.0, 0.0, -0.01),
+    (0.002, 0.0, -0.01),
+    (0.012, 0.0, -0.01),
+    (0.020, 0.0, -0.012),
+    (0.020, 0.008, -0.012),
+    (0.020, 0.016, -0.010),
+    (0.016, 0.016, -0.010),
+    (0.000, 0.016, -0.008),
+    (0.000, 0.000, 0.001),
+]
+
+
+def gathered(problem):
+    """Return coordinates, tractions and displacements of the first contact's nodes, by x, y, z."""
+    (contact, *_), comm = problem.contacts, problem.comm
+    surface, d = contact.surface, problem.u.function_space.mesh.geometry.dim
+    nodes = surface.parent_dofs(problem.u.function_space)[: surface.num_owned]
+    u = problem.u.x.array.reshape(-1, d)[nodes]
+    parts = comm.allgather((surface.x, contact.nodal()["c"], u))
+    x, c, u = (np.concatenate(list(column)) for column in zip(*parts, strict=True))
+    order = np.lexsort(np.round(x, 9).T[::-1])
+    return x[order], c[order], u[order]
