@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import ufl
@@ -180,10 +181,11 @@ class FrictionalContactProblem:
         eps: float = 0.0,
         line_search: str | None = None,
         max_it: int | None = None,
+        target: PETSc.Vec | None = None,
     ) -> SubstepReport:
         """Run one substep at ``xi`` and ``eps`` (Pa) and tell the monitor."""
         self._xi.value, self._eps.value = np.asarray(xi), np.asarray(eps)
-        report = substep.solve(tolerance, xi=xi, eps=eps, line_search=line_search, max_it=max_it)
+        report = substep.solve(tolerance, xi=xi, eps=eps, line_search=line_search, max_it=max_it, target=target)
         if self.monitor is not None:
             self.monitor(report)
         return report

@@ -354,7 +354,8 @@ def solve_increment(
     if start is not None:
         q = (start - _origin(increment)) / length_unit
         z0 = np.concatenate([q.ravel(), np.linalg.norm(q[:, 1:], axis=1)])
-    iterations, best = 0, np.full((system.n, 4), np.inf)
+    iterations = 0
+    best: Array = np.full((system.n, 4), np.inf)
     for z, path in _attempts(z0, start is not None):
         end, count = _follow(scaled, z, path)
         iterations += count

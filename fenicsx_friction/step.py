@@ -28,6 +28,8 @@ NEWTON_TOLERANCE = 1e-11
 STAGE_TOLERANCE = 1e-6
 #: Smallest blend ``xi`` before 0, and the finest reduction of ``xi`` tried.
 SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
+#: Smallest part of the increment that the continuation follows at once.
+SMALLEST_CONTINUATION = 1e-4
 #: A stage with at most this many iterations lets the next reduction be bolder.
 EASY_STAGE = 1
 #: A stage is a false root if a slip node leaves the cone by this fraction.
@@ -47,6 +49,7 @@ class Attempt:
 #: Full Newton steps first; the others cost more and are for steep loads and high friction.
 FALLBACKS = (
     Attempt("projection", "bt", max_it=100),
+    Attempt("continuation"),
     Attempt("projection", "bt", r_factor=10.0, max_it=100),
     Attempt("ramp", "bt", max_it=60),
 )
@@ -87,6 +90,8 @@ def _correct(
     problem: FrictionalContactProblem, attempt: Attempt, forces: float
 ) -> list[SubstepReport]:
     """Predict with stick, correct, polish; leave the result in the unknowns."""
+    if attempt.corrector == "continuation":
+        return _continue(problem, forces)
     start = state.save(problem.state)
     eps = problem.settings.smoothing * _expected_traction(problem, forces)
     predictor = problem.run(
@@ -143,6 +148,29 @@ def _ramp(
             if xi == 1.0 or reduction > FINEST_REDUCTION:
                 return reports  # the polish starts from the last good stage
         xi = last * reduction if last * reduction > SMALLEST_XI else 0.0
+
+
+def _continue(problem: FrictionalContactProblem, forces: float) -> list[SubstepReport]:
+    """Follow the solution from the last state to the new loads, without committing history.
+
+    The last state solves ``R(x) = (1 - t) R(x0)`` at ``t = 0``; at ``t = 1`` it is the increment.
+    """
+    reports: list[SubstepReport] = []
+    unbalanced = problem.projection.residual()
+    t, dt = 0.0, 0.25
+    while t < 1.0 and dt > SMALLEST_CONTINUATION:
+        dt = min(dt, 1.0 - t)
+        good = state.save(problem.state)
+        target = (1.0 - t - dt) * unbalanced
+        report = problem.run(problem.projection, NEWTON_TOLERANCE * forces, target=target)
+        reports.append(report)
+        if report.converged:
+            t, dt = t + dt, dt * 2.0
+        else:
+            state.restore(problem.state, good)
+            dt /= 4.0
+    unbalanced.destroy()
+    return reports
 
 
 def _freeze_stick(problem: FrictionalContactProblem, forces: float) -> int:

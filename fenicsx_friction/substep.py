@@ -100,6 +100,11 @@ class Substep:
             self._problem.solver.setConvergenceTest(self._test)
         return self._problem
 
+    def residual(self) -> PETSc.Vec:
+        """Return a copy of the residual at the current unknowns."""
+        self.residual_norms()
+        return self.problem.b.copy()
+
     def residual_norms(self) -> tuple[float, float]:
         """Return 2-norm and largest entry of the residual (N) at the current unknowns."""
         problem = self.problem
@@ -115,6 +120,7 @@ class Substep:
         eps: float,
         line_search: str | None = None,
         max_it: int | None = None,
+        target: PETSc.Vec | None = None,
     ) -> SubstepReport:
         """Solve from the current values of the unknowns; they hold the last iterate after.
 
@@ -124,16 +130,22 @@ class Substep:
             eps: For the report.
             line_search: PETSc line search in place of the options' one.
             max_it: Iterations in place of the options' ``snes_max_it``.
+            target: Residual to reach instead of zero.
 
         Returns:
             What happened. Not converging is no exception: the certificate decides.
         """
-        snes = self.problem.solver
+        problem = self.problem
+        snes = problem.solver
         chosen, limit = self._options["snes_linesearch_type"], self._options["snes_max_it"]
         snes.getLineSearch().setType(str(line_search or chosen))
         snes.setTolerances(atol=tolerance, max_it=int(str(max_it or limit)))
         self._history, self._cycled = [], False
-        self.problem.solve()
+        # As NonlinearProblem.solve, which knows no right-hand side.
+        assign(problem.u, problem.x)
+        snes.solve(target, problem.x)
+        problem.x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+        assign(problem.x, problem.u)
         reason = snes.getConvergedReason()
         return SubstepReport(
             name=self.name,

@@ -96,9 +96,7 @@ def block(
     """Build the block ``1.2 x 0.9 x 0.5`` with ``E = 1000``, ``nu = 0.3``, rotated with its plane."""
     size = (1.2, 0.9, 0.5)
     msh = mesh.create_box(comm, [[0.0] * 3, size], n, getattr(mesh.CellType, cell))
-    tags = tagged_facets(
-        msh, lambda x: np.isclose(x[2], 0.0), lambda x: np.isclose(x[2], size[2])
-    )
+    tags = tagged_facets(msh, lambda x: np.isclose(x[2], 0.0), lambda x: np.isclose(x[2], size[2]))
     frame = np.eye(3) if rotation is None else np.asarray(rotation)
     offset = np.zeros(3) if rotation is None else np.array([0.3, -2.0, 5.0])
     msh.geometry.x[:] = msh.geometry.x @ frame + offset

@@ -1,0 +1,33 @@
+# Every target runs in the environment that ./container finds or builds.
+RUN = ./container
+DEMO = results/raous_rectangle
+PYTEST = python3 -m pytest
+
+.PHONY: help demo test check lint format clean
+
+help:  ## show the targets
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 16
+
+demo:  ## the first demo: Raous' rectangle with friction
+	$(RUN) python3 demos/demo_raous_rectangle.py --output $(DEMO)
+	@echo "Pictures and tables:"; ls -d $(DEMO)/*
+
+test:  ## everything CI checks: style, types, tests, tests on two ranks
+	$(RUN) make check RUN=
+
+check: lint  # inside the environment; a rank that waits for a failed one is ended by the time limit
+	timeout -k 10 3600 $(PYTEST) -n 2
+	timeout -k 10 1800 mpirun -n 2 $(PYTEST) -p no:xdist -m mpi
+
+lint:  ## style and types only
+	$(RUN) ruff check .
+	$(RUN) ruff format --check .
+	$(RUN) mypy fenicsx_friction
+
+format:  ## rewrite the sources in the project's style
+	$(RUN) ruff check --fix .
+	$(RUN) ruff format .
+
+clean:  ## remove results and caches from this folder
+	rm -rf results build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
