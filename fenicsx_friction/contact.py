@@ -71,6 +71,11 @@ class Contact:
 
     def bind(self, u: fem.Function, u_old: fem.Function) -> None:
         """Derive the kinematics for the displacement ``u`` and its last accepted value."""
+        if hasattr(self, "kinematics"):
+            raise ContactInputError(
+                f"Contact '{self.surface.name}' already belongs to a problem; make another Contact "
+                "(its surface can be shared)."
+            )
         self._u, self._parent_dofs = u, self.surface.parent_dofs(u.function_space)
         X = ufl.SpatialCoordinate(self.surface.mesh)
         self.kinematics: Kinematics = kinematics(self.obstacle, X + u, u - u_old, self.hint)
@@ -84,6 +89,9 @@ class Contact:
         self._evaluate = self.surface.evaluator(
             ufl.as_vector([self.kinematics.gap, *self.slip, self.limit])
         )
+        # Beside the gap, because UFL folds mu = 0 to an expression that no form can hold.
+        unit = self.friction.limit(ufl.as_ufl(1.0))
+        self._evaluate_law = self.surface.evaluator(ufl.as_vector([self.kinematics.gap, unit]))
         self._traction = self.surface.evaluator(self.kinematics.traction(self.c))
 
     # -- the rows of the three kinds of substep ------------------------------------------
@@ -124,6 +132,26 @@ class Contact:
             "r": self.r.x.array[:n].copy(),
             "area": self.surface.area.x.array[:n].copy(),
         }
+
+    def gap_and_friction(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
+        """Return the owned nodes' gaps (m) and friction limits at unit pressure."""
+        values = self._evaluate_law()
+        return values[:, 0], values[:, 1]
+
+    def check_friction(self) -> None:
+        """Raise a ContactInputError, on all ranks, unless the friction limit is ``>= 0``."""
+        _, limit = self.gap_and_friction()
+        bad = [
+            f"{value:g} at ({', '.join(f'{xi:.6g}' for xi in x)})"
+            for x, value in zip(self.surface.x, limit, strict=True)
+            if not value >= 0.0
+        ]
+        found = self.surface.mesh.comm.allgather(bad)
+        if any(found):
+            raise ContactInputError(
+                f"Contact '{self.surface.name}': the friction limit at unit pressure (mu) must be "
+                f">= 0 at every contact node; it is {next(b[0] for b in found if b)}."
+            )
 
     def resolution(self) -> npt.NDArray[np.floating]:
         """Return a force (N) at each owned node below which rounding of ``K u`` hides detail."""

@@ -83,12 +83,8 @@ class ExactReference:
         self._KCI = self._K[self._C][:, self._I]
         K_IC = self._K[self._I][:, self._C].toarray()
         self._S = self._K[self._C][:, self._C].toarray() - self._KCI @ self._lu.solve(K_IC)
-        # Beside the gap, because UFL folds mu = 0 to an expression that no form can hold.
-        self._gap_and_mu = contact.surface.evaluator(
-            ufl.as_vector([contact.kinematics.gap, contact.friction.limit(ufl.as_ufl(1.0))])
-        )
         with self._displacement(np.zeros(self._K.shape[0])):
-            self._gap = self._gap_and_mu()[:, 0]
+            self._gap, _ = contact.gap_and_friction()
             kin = contact.kinematics
             rows = [contact.surface.evaluator(e)() for e in (kin.normal, *kin.tangents)]
         self._frames = np.stack(rows, axis=1)
@@ -110,7 +106,7 @@ class ExactReference:
                 load=load,
                 gap=self._gap,
                 previous=self._previous,
-                mu=self._gap_and_mu()[:, 1],
+                mu=self._contact.gap_and_friction()[1],
                 free=free,
             )
         )

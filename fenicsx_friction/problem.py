@@ -185,7 +185,9 @@ class FrictionalContactProblem:
     ) -> SubstepReport:
         """Run one substep at ``xi`` and ``eps`` (Pa) and tell the monitor."""
         self._xi.value, self._eps.value = np.asarray(xi), np.asarray(eps)
-        report = substep.solve(tolerance, xi=xi, eps=eps, line_search=line_search, max_it=max_it, target=target)
+        report = substep.solve(
+            tolerance, xi=xi, eps=eps, line_search=line_search, max_it=max_it, target=target
+        )
         if self.monitor is not None:
             self.monitor(report)
         return report

@@ -98,7 +98,8 @@ def natural_residual(increment: Increment, displacement: Array, force: Array) ->
     The largest over the nodes of: equilibrium; ``min(r_n, k g)``; cone violation
     ``|r_t| - mu r_n``; and the natural map ``x - P_K(x - k y)`` of ``x = (mu r_n, r_t)``,
     ``y = (|s|, s)``, which tests complementarity and alignment. The diagonal stiffness ``k`` of
-    the node turns displacements into forces, and all is relative to the largest nodal force.
+    the node turns displacements into forces, and all is relative to the largest nodal force (or
+    1e-4 ``|A| |q|``, if larger, as after unloading: below that, rounding would decide).
     Zero if and only if ``(q, r)`` solves the increment; of first order in any error.
 
     Args:
@@ -121,9 +122,9 @@ def _residuals(inc: Increment, q: Array, r: Array) -> Array:
     cone = np.maximum(np.linalg.norm(r[:, 1:], axis=1) - inc.mu * r[:, 0], 0.0)
     alignment = np.linalg.norm((x - _project(x - y, 0.0)[0]) * contact[:, :1], axis=1)
     stray = np.linalg.norm(np.where(contact, 0.0, r), axis=1)  # force where there is no contact
-    # Equilibrium and slip cannot be tested more closely than their rounding, 1e-16 |A| |q|.
+    # Equilibrium and slip cannot be tested more closely than rounding, a few 1e-16 |A| |q|.
     sizes = np.abs(q) + np.abs(_origin(inc))
-    rounding = 1e-5 * (np.abs(inc.stiffness) @ sizes.ravel())
+    rounding = 1e-4 * (np.abs(inc.stiffness) @ sizes.ravel())
     scale = np.max(np.abs([r.ravel(), inc.load, rounding]) * inc.free.ravel()) or 1.0
     table = [np.linalg.norm(balance, axis=1), normal, cone, alignment + stray]
     return np.asarray(np.abs(np.column_stack(table)) / scale)
@@ -352,15 +353,16 @@ def solve_increment(
     system = _System(scaled)
     z0 = np.zeros(system.size)
     if start is not None:
-        q = (start - _origin(increment)) / length_unit
-        z0 = np.concatenate([q.ravel(), np.linalg.norm(q[:, 1:], axis=1)])
+        guess = (start - _origin(increment)) / length_unit
+        z0 = np.concatenate([guess.ravel(), np.linalg.norm(guess[:, 1:], axis=1)])
     iterations = 0
     best: Array = np.full((system.n, 4), np.inf)
     for z, path in _attempts(z0, start is not None):
         end, count = _follow(scaled, z, path)
         iterations += count
-        q, r = system.solution(end)
-        q, r = q * length_unit + _origin(increment), r * force_unit
+        nondimensional = system.solution(end)
+        q: Array = nondimensional[0] * length_unit + _origin(increment)
+        r: Array = nondimensional[1] * force_unit
         table = _residuals(increment, q, r)
         if table.max() <= tolerance:
             gap, slip = increment.gap + q[:, 0], q[:, 1:] - increment.previous

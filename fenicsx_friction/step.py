@@ -15,7 +15,7 @@ import numpy as np
 from . import state
 from .certificate import OPEN
 from .diagnosis import explain
-from .errors import StepFailed
+from .errors import ContactInputError, StepFailed
 from .report import StepReport
 from .substep import SubstepReport
 
@@ -59,6 +59,7 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
     """Solve, certify and commit one increment; see ``FrictionalContactProblem.solve``."""
     start = state.save(problem.state)
     unbalanced, largest = problem.projection.residual_norms()
+    _check(problem, unbalanced)
     forces = max(unbalanced, *_contact_forces(problem))
     substeps: list[SubstepReport] = []
     for attempt in (None, Attempt(problem.settings.corrector), *FALLBACKS):
@@ -84,6 +85,17 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
     if problem.settings.raise_on_uncertified:
         raise StepFailed(message, report)
     return report
+
+
+def _check(problem: FrictionalContactProblem, unbalanced: float) -> None:
+    """Refuse loads, boundary values and friction that are no numbers, before any solve."""
+    for k in problem.contacts:
+        k.check_friction()
+    if not np.isfinite(unbalanced):
+        raise ContactInputError(
+            f"The residual at the start of step {problem.num_steps + 1} is {unbalanced}: look for "
+            "NaN in loads, boundary values and material fields, and for inverted cells."
+        )
 
 
 def _correct(

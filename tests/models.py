@@ -93,7 +93,7 @@ class Block:
 def block(
     cell, mu, prefix, *, n=(4, 3, 2), energy="small", rotation=None, comm=MPI.COMM_WORLD, **settings
 ) -> Block:
-    """Build the block ``1.2 x 0.9 x 0.5`` with ``E = 1000``, ``nu = 0.3``, rotated with its plane."""
+    """Build the block ``1.2 x 0.9 x 0.5``, ``E = 1000``, ``nu = 0.3``, rotated with its plane."""
     size = (1.2, 0.9, 0.5)
     msh = mesh.create_box(comm, [[0.0] * 3, size], n, getattr(mesh.CellType, cell))
     tags = tagged_facets(msh, lambda x: np.isclose(x[2], 0.0), lambda x: np.isclose(x[2], size[2]))

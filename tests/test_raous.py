@@ -35,7 +35,7 @@ def test_q4_equals_code_aster_to_nine_digits(corrector):
     model = raous(32, 10, 1.0, f"q4_{corrector}_", corrector=corrector)
     model.load(1.0, 1.0)
     report = model.problem.solve()
-    x, c, u = gathered(model.problem)
+    x, _, u = gathered(model.problem)
     assert at_points(x, u) == pytest.approx(Q4_32X10 * 1e-5, rel=1e-8)
     totals = report.contacts[0]
     assert (totals.open, totals.slip, totals.stick) == (3, 22, 8)  # stick with the corner
