@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: MIT
 """The one place that knows DOLFINx versions."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
+import ufl
 
 try:
     import dolfinx
@@ -13,6 +17,7 @@ except ImportError as error:  # pragma: no cover - needs a machine without DOLFI
     ) from error
 
 from dolfinx import fem, mesh
+from dolfinx.fem.forms import derivative_block
 
 MINIMUM_DOLFINX = (0, 11)
 _found = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
@@ -33,6 +38,15 @@ def exterior_facet_entities(msh: mesh.Mesh, facets: npt.NDArray[np.int32]) -> np
     )
 
 
+def jacobian_blocks(forms: Sequence[ufl.Form], unknowns: Sequence[fem.Function]) -> list[list[Any]]:
+    """Differentiate the blocks of a residual; blocks without integrals are ``None``.
+
+    DOLFINx 0.11 cannot create an empty form between two meshes (two contact surfaces, say).
+    """
+    blocks: Any = derivative_block(list(forms), list(unknowns))
+    return [[None if isinstance(J, ufl.ZeroBaseForm) else J for J in row] for row in blocks]
+
+
 def bc_space_contains(V: fem.FunctionSpace, bc: fem.DirichletBC) -> bool:
     """Tell whether ``bc`` constrains ``V`` or one of its subspaces."""
     return bool(V._cpp_object.contains(bc._cpp_object.function_space))
@@ -43,4 +57,9 @@ def unrolled_bc_dofs(bc: fem.DirichletBC) -> npt.NDArray[np.int32]:
     return np.asarray(bc._cpp_object.dof_indices()[0])
 
 
-__all__ = ["bc_space_contains", "exterior_facet_entities", "unrolled_bc_dofs"]
+__all__ = [
+    "bc_space_contains",
+    "exterior_facet_entities",
+    "jacobian_blocks",
+    "unrolled_bc_dofs",
+]

@@ -11,6 +11,8 @@ import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import NonlinearProblem, assign
 
+from .compat import jacobian_blocks
+
 DEFAULT_OPTIONS: dict[str, object] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",
@@ -20,6 +22,8 @@ DEFAULT_OPTIONS: dict[str, object] = {
     "pc_factor_mat_solver_type": "mumps",
 }
 
+#: PETSc's code of an exception in a Python callback.
+PYTHON_ERROR = 101
 #: Reductions of the residual below which stagnation is taken for rounding.
 ROUNDING = 1e-8
 #: A residual that returns to this relative accuracy within 15 iterations is a cycle.
@@ -91,6 +95,7 @@ class Substep:
             self._problem = NonlinearProblem(
                 list(self._forms),
                 list(self._unknowns),
+                J=jacobian_blocks(self._forms, self._unknowns),
                 bcs=list(self._bcs),
                 petsc_options_prefix=self._prefix,
                 petsc_options=self._options,
@@ -141,21 +146,33 @@ class Substep:
         snes.getLineSearch().setType(str(line_search or chosen))
         snes.setTolerances(atol=tolerance, max_it=int(str(max_it or limit)))
         self._history, self._cycled = [], False
-        # As NonlinearProblem.solve, which knows no right-hand side.
-        assign(problem.u, problem.x)
-        snes.solve(target, problem.x)
-        problem.x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
-        assign(problem.x, problem.u)
-        reason = snes.getConvergedReason()
+        converged, reason = self._run(problem, target)
         return SubstepReport(
             name=self.name,
             xi=xi,
             eps=eps,
-            iterations=snes.getIterationNumber(),
-            converged=reason > 0,
-            reason="CYCLE" if self._cycled else _reason_name(reason),
+            iterations=max(len(self._history) - 1, 0),
+            converged=converged,
+            reason="CYCLE" if self._cycled else reason,
             residuals=tuple(self._history),
         )
+
+    def _run(self, problem: NonlinearProblem, target: PETSc.Vec | None) -> tuple[bool, str]:
+        """Solve as ``NonlinearProblem.solve``, which knows no right-hand side."""
+        assign(problem.u, problem.x)
+        try:
+            problem.solver.solve(target, problem.x)
+        except PETSc.Error as error:
+            if error.ierr == PYTHON_ERROR:
+                raise
+            # MUMPS gives up on a structurally singular matrix with an error, not a reason, and its
+            # factors cannot be used again.
+            self._problem = None
+            return False, f"LINEAR_SOLVER_ERROR_{error.ierr}"
+        problem.x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+        assign(problem.x, problem.u)
+        reason = problem.solver.getConvergedReason()
+        return reason > 0, _reason_name(reason)
 
     def _test(
         self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]

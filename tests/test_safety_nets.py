@@ -1,13 +1,14 @@
 """Break the method on purpose: each break must be refused or seen, never accepted."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
-import ufl
 from dolfinx.fem.petsc import NonlinearProblem
 from models import block, gathered, raous
 
 import fenicsx_friction as ff
-from fenicsx_friction import laws, substep
+from fenicsx_friction import laws, step, substep
 from fenicsx_friction.exact import ExactReference
 
 projection_row, stick_row = laws.projection_row, laws.stick_row
@@ -76,11 +77,8 @@ def test_missing_coupling_block_of_the_jacobian_is_not_accepted(row, monkeypatch
 
     class Crippled(NonlinearProblem):
         def __init__(self, F, u, **options):
-            J = ufl.derivative_block if False else None
-            from dolfinx.fem.forms import derivative_block
-
-            J = derivative_block(F, u)
-            J[row][1 - row] = ufl.ZeroBaseForm(J[row][1 - row].arguments())
+            J = options.pop("J")
+            J[row][1 - row] = None
             super().__init__(F, u, J=J, **options)
 
     monkeypatch.setattr(substep, "NonlinearProblem", Crippled)
@@ -89,10 +87,8 @@ def test_missing_coupling_block_of_the_jacobian_is_not_accepted(row, monkeypatch
 
 
 @pytest.mark.mpi
-def test_a_false_root_of_the_ramp_is_not_accepted(monkeypatch):
+def test_a_false_root_of_the_ramp_is_not_accepted():
     """Straight from stick to the slip rows at xi = 0: Newton may converge outside the cone."""
-    from fenicsx_friction import step
-
     model = raous(16, 16, 1.0, "false_", corrector="ramp", ramp_nodes="all")
     problem = model.problem
     problem.run(problem.stick, 1e-6, eps=0.0, max_it=20)
@@ -103,7 +99,7 @@ def test_a_false_root_of_the_ramp_is_not_accepted(monkeypatch):
     if report.converged:
         (state,) = problem.nodal_states()
         outside = np.linalg.norm(state.c[:, 1:], axis=1) - state.limit
-        worst = problem.comm.allreduce(float(np.max(outside, initial=0.0)), max_op())
+        worst = problem.comm.allreduce(float(np.max(outside, initial=0.0)), MPI.MAX)
         assert worst > 1e6  # Pa: converged, equilibrated, and wrong
         assert step._false_root(problem)
         assert not problem.certify().certified
@@ -114,14 +110,8 @@ def test_a_false_root_of_the_ramp_is_not_accepted(monkeypatch):
     assert fresh.problem.solve().certified
 
 
-def max_op():
-    from mpi4py import MPI
-
-    return MPI.MAX
-
-
 @pytest.mark.mpi
-def test_failure_keeps_the_last_accepted_step_and_names_nodes(monkeypatch):
+def test_failure_keeps_the_last_accepted_step_and_names_nodes():
     model = raous(8, 8, 1.0, "keep_")
     model.problem.solve()
     before = model.problem.u.x.array.copy(), model.contact.c.x.array.copy()
@@ -133,7 +123,7 @@ def test_failure_keeps_the_last_accepted_step_and_names_nodes(monkeypatch):
     message = str(failure.value)
     assert "node" in message
     assert "last accepted state was restored" in message
-    assert "is the body held" in message
+    assert "Try a smaller load step" in message
     model.load(1.0, 0.9)
     assert model.problem.solve().step == 2
 
@@ -160,8 +150,12 @@ def test_jacobian_equals_finite_differences(name):
     model.contact.slip_scale.x.array[:] = 1e-3
     problem._xi.value, problem._eps.value = 0.3, 0.5
     # Leave the kinks: open some nodes, let others slip, others stick.
-    problem.u.x.array[:] += 1e-3 * rng.normal(size=len(problem.u.x.array))
+    held = problem.constrained_dofs
+    shake = 5e-3 * rng.normal(size=len(problem.u.x.array))
+    shake[held] = 0.0
+    problem.u.x.array[:] += shake
     model.contact.c.x.array[:] += rng.normal(size=3 * len(state.gap))
+    model.contact.c.x.array[::9] = -50.0
     kinds = set(problem.nodal_states()[0].states().tolist())
     assert kinds == {0, 1, 2}
     system: NonlinearProblem = getattr(problem, name).problem
@@ -170,8 +164,8 @@ def test_jacobian_equals_finite_differences(name):
     snes.computeJacobian(x, system.A)
     direction = x.duplicate()
     direction.array[:] = rng.normal(size=direction.getLocalSize())
-    constrained = system.A.duplicate(copy=True)
-    exact = constrained * direction
+    direction.array[held] = 0.0
+    exact = system.A * direction
     h = 1e-7 * np.linalg.norm(problem.u.x.array)
     ends = []
     for sign in (1, -1):
