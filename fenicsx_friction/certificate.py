@@ -15,6 +15,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.floating]
 OPEN, STICK, SLIP = 0, 1, 2
+#: Tractions below this fraction of the step's forces set no scale.
+FAINT = 1e-4
 
 
 @dataclass(frozen=True)
@@ -144,8 +146,8 @@ def certify(
 
     Returns:
         The certificate, equal on all ranks. Tractions are relative to the largest contact
-        traction, or to ``1e-6`` of the force scale over the smallest nodal area where contact
-        is still fainter.
+        traction, or to :data:`FAINT` of the force scale over the smallest nodal area where
+        contact is fainter still.
     """
     names = [f.name for f in fields(Certificate)][:7]
     worst = np.zeros(len(names))
@@ -161,7 +163,7 @@ def certify(
         worst = np.maximum(worst, [np.max(q * part, initial=0.0) for q in quantities])
         largest = np.max(np.hypot(c_n, c_t), initial=0.0)
         per_area = np.max(1.0 / state.area, initial=0.0)
-        traction = np.maximum(traction, [largest, 1e-6 * force_scale * per_area])
+        traction = np.maximum(traction, [largest, FAINT * force_scale * per_area])
     everything = np.array([*worst, *traction])
     # NaN may pass for the smaller number in MAX; infinity does not.
     everything[~np.isfinite(everything)] = np.inf

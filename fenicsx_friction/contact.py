@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """One contact: a surface of the body, a rigid obstacle and a friction law."""
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -17,6 +19,8 @@ from .surface import ContactSurface
 #: A normal this close to the span of the prescribed directions counts as prescribed.
 PRESCRIBED_NORMAL = 1e-8
 
+#: A node with slip rows this fraction outside the cone is at a false root.
+FALSE_ROOT = 1e-6
 #: Forces below this fraction of stiffness times displacement count as nothing: tolerances of
 #: 1e-9 of them are what rounding leaves.
 RESOLUTION = 1e-4
@@ -90,8 +94,8 @@ class Contact:
             ufl.as_vector([self.kinematics.gap, *self.slip, self.limit])
         )
         # Beside the gap, because UFL folds mu = 0 to an expression that no form can hold.
-        unit = self.friction.limit(ufl.as_ufl(1.0))
-        self._evaluate_law = self.surface.evaluator(ufl.as_vector([self.kinematics.gap, unit]))
+        limits = [self.friction.limit(pressure) for pressure in (ufl.as_ufl(1.0), self.c[0])]
+        self._evaluate_law = self.surface.evaluator(ufl.as_vector([self.kinematics.gap, *limits]))
         self._traction = self.surface.evaluator(self.kinematics.traction(self.c))
 
     # -- the rows of the three kinds of substep ------------------------------------------
@@ -135,8 +139,8 @@ class Contact:
 
     def gap_and_friction(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
         """Return the owned nodes' gaps (m) and friction limits at unit pressure."""
-        values = self._evaluate_law()
-        return values[:, 0], values[:, 1]
+        gap, friction, _ = self._evaluate_law().T
+        return gap, friction
 
     def check_friction(self) -> None:
         """Raise a ContactInputError, on all ranks, unless the friction limit is ``>= 0``."""
@@ -152,6 +156,42 @@ class Contact:
                 f"Contact '{self.surface.name}': the friction limit at unit pressure (mu) must be "
                 f">= 0 at every contact node; it is {next(b[0] for b in found if b)}."
             )
+
+    def freeze_stick(self, *, violated_only: bool = True) -> int:
+        """Freeze the stick traction for the slip rows and choose the nodes that get them.
+
+        Args:
+            violated_only: Choose the nodes whose stick traction leaves the cone, or else all nodes
+                in contact (without a stick traction eq. (12) would be 0/0).
+
+        Returns:
+            How many owned nodes were chosen.
+        """
+        n, values = self.surface.num_owned, self.nodal()
+        traction = np.linalg.norm(values["c"][:, 1:], axis=1)
+        chosen = (traction > 0.0) & (values["c"][:, 0] >= values["r"] * values["gap"])
+        if violated_only:
+            chosen &= traction > values["limit"]
+        self.c_stick.x.array[:] = self.c.x.array
+        self.slipping.x.array[:n] = chosen
+        # The elastic displacement under the stick force: a slip length free of units.
+        self.slip_scale.x.array[:n] = np.where(chosen, traction / values["r"], 1.0)
+        self.slipping.x.scatter_forward()
+        self.slip_scale.x.scatter_forward()
+        return int(np.sum(chosen))
+
+    def has_false_root(self) -> bool:
+        """Tell whether a node with slip rows is outside the cone; collective.
+
+        ``c_t |w| + mu c_n w = 0`` holds at ``w = 0`` for any traction.
+        """
+        n = self.surface.num_owned
+        traction = np.linalg.norm(self.nodal()["c"][:, 1:], axis=1)
+        limit = self._evaluate_law()[:, 2]
+        slack = FALSE_ROOT * np.max(traction, initial=0.0)
+        outside = traction > limit * (1.0 + FALSE_ROOT) + slack
+        found = np.any(outside & (self.slipping.x.array[:n] > 0.5))
+        return bool(self.surface.mesh.comm.allreduce(bool(found), MPI.LOR))
 
     def resolution(self) -> npt.NDArray[np.floating]:
         """Return a force (N) at each owned node below which rounding of ``K u`` hides detail."""

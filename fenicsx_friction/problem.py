@@ -44,7 +44,7 @@ class StepSettings:
 
     corrector: Literal["projection", "ramp"] = "projection"
     tolerance: float = 1e-9
-    predictor_iterations: int = 2
+    predictor_iterations: int = 1
     smoothing: float = 1e-2
     ramp_nodes: Literal["violated", "all"] = "violated"
     ramp_sign: Literal[-1, 1] = -1

@@ -13,7 +13,6 @@ from mpi4py import MPI
 import numpy as np
 
 from . import state
-from .certificate import OPEN
 from .diagnosis import explain
 from .errors import ContactInputError, StepFailed
 from .report import StepReport
@@ -32,8 +31,6 @@ SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
 SMALLEST_CONTINUATION = 1e-4
 #: A stage with at most this many iterations lets the next reduction be bolder.
 EASY_STAGE = 1
-#: A stage is a false root if a slip node leaves the cone by this fraction.
-FALSE_ROOT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -44,14 +41,15 @@ class Attempt:
     line_search: str | None = None
     r_factor: float = 1.0
     max_it: int | None = None
+    predictor_iterations: int | None = None
 
 
 #: Full Newton steps first; the others cost more and are for steep loads and high friction.
 FALLBACKS = (
-    Attempt("projection", "bt", max_it=100),
+    Attempt("projection", "bt", max_it=100, predictor_iterations=4),
     Attempt("continuation"),
-    Attempt("projection", "bt", r_factor=10.0, max_it=100),
-    Attempt("ramp", "bt", max_it=60),
+    Attempt("projection", "bt", r_factor=10.0, max_it=100, predictor_iterations=2),
+    Attempt("ramp", "bt", max_it=60, predictor_iterations=4),
 )
 
 
@@ -110,7 +108,7 @@ def _correct(
         problem.stick,
         STAGE_TOLERANCE * forces,
         eps=eps,
-        max_it=problem.settings.predictor_iterations,
+        max_it=attempt.predictor_iterations or problem.settings.predictor_iterations,
     )
     if not np.all(np.isfinite(predictor.residuals)) or "LINEAR" in predictor.reason:
         state.restore(problem.state, start)
@@ -133,7 +131,9 @@ def _ramp(
 ) -> list[SubstepReport]:
     """Ramp ``xi`` of eq. (12) from 1 to 0, finer where a stage fails or leaves the cone."""
     reports: list[SubstepReport] = []
-    if _freeze_stick(problem, forces) == 0:
+    violated_only = problem.settings.ramp_nodes == "violated"
+    chosen = sum(k.freeze_stick(violated_only=violated_only) for k in problem.contacts)
+    if problem.comm.allreduce(chosen, MPI.SUM) == 0:
         return reports
     accepted = state.save(problem.state)
     last, xi, reduction = 1.0, 1.0, 0.1
@@ -146,7 +146,7 @@ def _ramp(
             line_search=attempt.line_search,
             max_it=attempt.max_it,
         )
-        good = report.converged and not _false_root(problem)
+        good = report.converged and not any([k.has_false_root() for k in problem.contacts])
         reports.append(replace(report, accepted=good))
         if good:
             accepted, last = state.save(problem.state), xi
@@ -183,38 +183,6 @@ def _continue(problem: FrictionalContactProblem, forces: float) -> list[SubstepR
             dt /= 4.0
     unbalanced.destroy()
     return reports
-
-
-def _freeze_stick(problem: FrictionalContactProblem, forces: float) -> int:
-    """Freeze the stick traction, choose the nodes with slip rows; return how many there are."""
-    count = 0
-    fallback = _expected_traction(problem, forces)
-    for k, s in zip(problem.contacts, problem.nodal_states(), strict=True):
-        k.c_stick.x.array[:] = k.c.x.array
-        traction = np.linalg.norm(s.c[:, 1:], axis=1)
-        # Without a stick force there is no direction to blend in: eq. (12) would be 0/0.
-        chosen = (traction > 0.0) & (s.states() != OPEN)
-        if problem.settings.ramp_nodes == "violated":
-            chosen &= traction > s.limit
-        n = k.surface.num_owned
-        k.slipping.x.array[:n] = chosen
-        # The elastic displacement under the stick force: a slip length free of units.
-        k.slip_scale.x.array[:n] = np.where(traction > 0.0, traction, fallback) / s.r
-        k.slipping.x.scatter_forward()
-        k.slip_scale.x.scatter_forward()
-        count += int(chosen.sum())
-    return int(problem.comm.allreduce(count, MPI.SUM))
-
-
-def _false_root(problem: FrictionalContactProblem) -> bool:
-    """Tell whether a node with slip rows left the cone: ``c|w| + mu c_n w = 0`` at ``w = 0``."""
-    found = False
-    for k, s in zip(problem.contacts, problem.nodal_states(), strict=True):
-        traction = np.linalg.norm(s.c[:, 1:], axis=1)
-        slack = FALSE_ROOT * np.max(traction, initial=0.0)
-        rows = k.slipping.x.array[: k.surface.num_owned] > 0.5
-        found |= bool(np.any(rows & (traction > s.limit * (1.0 + FALSE_ROOT) + slack)))
-    return bool(problem.comm.allreduce(found, MPI.LOR))
 
 
 def _contact_forces(problem: FrictionalContactProblem) -> tuple[float, float]:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
-from models import block, raous, tagged_facets
 
 import fenicsx_friction as ff
 from fenicsx_friction.exact import ExactReference
+from models import block, raous, tagged_facets
 
 PLANE = ff.RigidPlane((0.0, 0.0), (0.0, 1.0))
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import SIDE, gathered, raous
 
 import fenicsx_friction as ff
 from fenicsx_friction.energy import EnergyAudit
 from fenicsx_friction.exact import ExactReference
+from models import SIDE, gathered, raous
 
 DATA = Path(__file__).parent / "data"
 POINTS_MM = np.array([0.0, 1.25, 5.0, 7.5, 11.25])  # A to E

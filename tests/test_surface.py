@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
-from models import gathered, raous, tagged_facets
 
 import fenicsx_friction as ff
 from fenicsx_friction.measures import share_facet_data
+from models import gathered, raous, tagged_facets
 
 CELLS = {
     "triangle": 2,

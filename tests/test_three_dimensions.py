@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from models import L_PATH, block, gathered
 from scipy.spatial.transform import Rotation
 
 from fenicsx_friction.energy import EnergyAudit
 from fenicsx_friction.exact import ExactReference
+from models import L_PATH, block, gathered
 
 
 @pytest.mark.parametrize("corrector", ["projection", "ramp"])
@@ -72,9 +72,9 @@ def test_symmetry_planes_pin_the_multiplier_and_keep_the_solution():
 
     import ufl
     from dolfinx import fem, mesh
-    from models import tagged_facets
 
     import fenicsx_friction as ff
+    from models import tagged_facets
 
     def press(n, lower, prefix, symmetric):
         msh = mesh.create_box(

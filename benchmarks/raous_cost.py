@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: MIT
+"""Cost of a contact step in linear elastic solves on the same mesh, in the same run.
+
+    ./container python3 benchmarks/raous_cost.py [--sizes 64 256] [--mu 0.2 1 5] [--repeat 3]
+
+The elastic solve is `dolfinx.fem.petsc.LinearProblem` with MUMPS: assembly, factorisation and
+back-substitution of the block with its base held. The contact step is the Raous rectangle, 0 to
+full load, with its certificate. Forms are compiled and matrices allocated before both; the
+figure is the median of the repetitions. Machines differ and are shared: compare ratios.
+"""
+
+import argparse
+import statistics
+import sys
+import time
+from pathlib import Path
+
+from mpi4py import MPI
+
+import ufl
+from dolfinx import default_scalar_type, fem
+from dolfinx.fem.petsc import LinearProblem
+
+from fenicsx_friction import StepReport, StepSettings
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
+from demo_raous_rectangle import Block, create_problem
+from raous_options import Options, parse_options
+
+DIRECT = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+
+
+def time_elastic(block: Block, n: int, repeat: int) -> float:
+    """Return the median time (s) of the elastic solve."""
+    problem = block.problem
+    V = problem.u.function_space
+    vertical = 2 * problem.contacts[0].surface.parent_dofs(V) + 1
+    held = fem.dirichletbc(default_scalar_type(0.0), vertical, V.sub(1))
+    tangent = ufl.derivative(problem.bulk, problem.u)
+    elastic = LinearProblem(
+        tangent,
+        -problem.bulk,
+        bcs=[*problem.bcs, held],
+        petsc_options=DIRECT,
+        petsc_options_prefix=f"elastic_{n}_",
+    )
+    return median(elastic.solve, repeat)
+
+
+def time_contact(options: Options, settings: StepSettings, repeat: int) -> tuple[float, StepReport]:
+    """Return the median time (s) of the contact step and its report."""
+    times = []
+    for i in range(repeat):
+        block = create_problem(MPI.COMM_WORLD, options, f"contact_{options.nx}_{i}_", settings)
+        block.load(options, (1.0, 1.0))
+        for substep in (block.problem.stick, block.problem.projection):
+            substep.residual_norms()
+        start = time.perf_counter()
+        report = block.problem.solve()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times), report
+
+
+def median(work: object, repeat: int) -> float:
+    """Return the median time of calling ``work``."""
+    times = []
+    for _ in range(repeat):
+        start = time.perf_counter()
+        work()  # type: ignore[operator]
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("--sizes", type=int, nargs="+", default=[64, 256])
+    parser.add_argument("--mu", type=float, nargs="+", default=[0.2, 1.0, 5.0])
+    parser.add_argument("--corrector", choices=["projection", "ramp"], default="projection")
+    parser.add_argument("--repeat", type=int, default=3)
+    arguments = parser.parse_args()
+    settings = StepSettings(corrector=arguments.corrector)
+    print("mesh       mu  linear solves (substeps)      contact s  elastic s  ratio  certificate")
+    for n in arguments.sizes:
+        for mu in arguments.mu:
+            options = parse_options(f"--nx {n} --ny {n} --mu {mu} --element q1".split())
+            block = create_problem(MPI.COMM_WORLD, options, f"bulk_{n}_")
+            block.load(options, (1.0, 1.0))
+            elastic = time_elastic(block, n, arguments.repeat)
+            contact, report = time_contact(options, settings, arguments.repeat)
+            parts = " + ".join(f"{s.iterations}" for s in report.substeps)
+            print(
+                f"{n:4d}²  {mu:5.1f}  {report.iterations:3d} = {parts:22s} {contact:9.2f}  "
+                f"{elastic:9.2f}  {contact / elastic:5.1f}  {report.certificate.relative:.1e}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

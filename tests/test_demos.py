@@ -1,0 +1,83 @@
+"""The demos run as scripts, in their quick form, and their results are right."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+DEMOS = Path(__file__).parents[1] / "demos"
+RAOUS = DEMOS / "demo_raous_rectangle.py"
+
+
+def run(script, *arguments):
+    command = [sys.executable, "-W", "error", str(script), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def rows(path):
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_raous_quick_writes_everything_and_equals_the_exact_solution(tmp_path):
+    done = run(RAOUS, "--quick", "--output", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["certificate"]["certified"] is True
+    assert summary["certificate"]["relative"] < 1e-9
+    assert summary["exact"]["max_traction_deviation_relative"] < 1e-9
+    assert summary["exact"]["nodes_in_another_state"] == 0
+    assert summary["forces_N_per_m"]["contact_y"] == pytest.approx(2e6, rel=1e-10)
+    lines = rows(tmp_path / "contact_line.csv")
+    assert list(lines[0]) == "step,x_mm,gap_mm,c_n_MPa,c_t_MPa,u_x_mm,state".split(",")
+    assert {line["state"] for line in lines} == {"open", "slip", "stick"}
+    pictures = {path.name for path in tmp_path.glob("*.png")}
+    assert {name.split("_")[1] for name in pictures} == {"2", "3", "5", "6", "7"}
+    assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
+
+
+def test_raous_full_size_points_are_the_exact_digits(tmp_path):
+    """Q4, 32 x 10: code_aster SSNV128q."""
+    done = run(
+        RAOUS, "--element", "q1", "--nx", 32, "--ny", 10, "--corrector", "ramp",
+        "--output", tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    points = json.loads((tmp_path / "summary.json").read_text())["points"]
+    digits = {"A": 2.84594384, "B": 2.70792364, "C": 2.27402555, "D": 1.97270669, "E": 1.53641594}
+    for name, value in digits.items():
+        assert points[name]["u_x_m"] == pytest.approx(value * 1e-5, rel=1e-8)
+
+
+def test_raous_follows_a_history_with_unloading(tmp_path):
+    path = tmp_path / "path.csv"
+    path.write_text("lateral_factor,top_factor\n0.5,1\n1,1\n0.2,1\n0,0.5\n0,0\n")
+    done = run(RAOUS, "--quick", "--path", path, "--output", tmp_path / "out")
+    assert done.returncode == 0, done.stdout + done.stderr
+    lines = rows(tmp_path / "out" / "contact_line.csv")
+    assert {line["step"] for line in lines} == {"1", "2", "3", "4", "5"}
+    signs = {
+        step: {
+            float(line["c_t_MPa"]) > 0
+            for line in lines
+            if line["step"] == step and float(line["c_t_MPa"])
+        }
+        for step in ("2", "3")
+    }
+    assert signs["2"] == {False}  # friction against the push
+    assert True in signs["3"]  # and reversed where the block slips back
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert len(summary["steps"]) == 5
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--mu", -1), ("--nx", 0), ("--nu", 0.5), ("--path", "missing.csv"), ("--element", "q2")],
+)
+def test_raous_refuses_wrong_options(arguments, tmp_path):
+    done = run(RAOUS, *arguments, "--output", tmp_path)
+    assert done.returncode == 2
+    assert str(arguments[1]) in done.stderr
