@@ -81,3 +81,16 @@ def test_raous_refuses_wrong_options(arguments, tmp_path):
     done = run(RAOUS, *arguments, "--output", tmp_path)
     assert done.returncode == 2
     assert str(arguments[1]) in done.stderr
+
+
+def test_the_example_of_the_readme_runs(tmp_path):
+    readme = (DEMOS.parent / "README.md").read_text()
+    code = readme.split("```python\n")[1].split("```")[0]
+    script = tmp_path / "example.py"
+    script.write_text(code)
+    done = run(script)
+    assert done.returncode == 0, done.stdout + done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == 4
+    assert lines[0].startswith("stick")
+    assert "stick  0, slip 63" in lines[2]  # dragged: everything slips
