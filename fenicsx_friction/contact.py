@@ -107,14 +107,16 @@ class Contact:
 
     def projection_rows(self, eps: Expr) -> Expr:
         """Rows of the natural map."""
-        return self._rows(eps, laws.projection_row(self.slip, self.c_t, self.limit, self.r))
+        pressure = laws.ramp(self.c[0] - self.r * self.kinematics.gap, eps)
+        limit = self.friction.limit(pressure)
+        return self._rows(eps, laws.projection_row(self.slip, self.c_t, limit, self.r, eps))
 
     def slip_rows(self, eps: Expr, xi: Expr, sign: float) -> Expr:
         """Slip rows (15) at the ``slipping`` nodes, projection rows at the others."""
         stick = ufl.as_vector([self.c_stick[k] for k in self.tangential])
         w = laws.blended_slip(self.slip, stick, xi, self.slip_scale, sign)
         slip = laws.slip_row(self.c_t, self.friction.limit(self.c[0]), w, self.slip_scale)
-        other = laws.projection_row(self.slip, self.c_t, self.limit, self.r)
+        other = laws.projection_row(self.slip, self.c_t, self.limit, self.r, ufl.as_ufl(0.0))
         return self._rows(eps, self.slipping * slip + (1.0 - self.slipping) * other)
 
     def _rows(self, eps: Expr, tangential: Expr) -> Expr:

@@ -101,16 +101,24 @@ def slip_row(c_t: Expr, limit: Expr, w: Expr, scale: Expr) -> Expr:
     return (c_t * norm(w) + limit * w) / scale
 
 
-def projection(y: Expr, limit: Expr) -> Expr:
-    """Project ``y`` on the disk of radius ``limit``; the boundary counts as slip."""
+def projection(y: Expr, limit: Expr, eps: Expr) -> Expr:
+    """Project ``y`` on the disk of radius ``limit``; the boundary counts as slip.
+
+    With ``eps > 0`` (unit of ``y``) the kinks are rounded: ``y (1 - <|y| - limit>_eps / |y|)`` with
+    ``|y|^2 = y . y + eps^2``.
+    """
     square = ufl.dot(y, y)
     length = ufl.sqrt(ufl.conditional(ufl.gt(square, 0.0), square, 1.0))
-    return ufl.conditional(ufl.lt(square, limit**2), 1.0, limit / length) * y
+    exact = ufl.conditional(ufl.lt(square, limit**2), 1.0, limit / length)
+    rounded = ufl.sqrt(square + ufl.conditional(ufl.gt(eps, 0.0), eps**2, 1.0))
+    smooth = 1.0 - ramp(rounded - limit, eps) / rounded
+    return ufl.conditional(ufl.gt(eps, 0.0), smooth, exact) * y
 
 
-def projection_row(s: Expr, c_t: Expr, limit: Expr, r: Expr) -> Expr:
+def projection_row(s: Expr, c_t: Expr, limit: Expr, r: Expr, eps: Expr) -> Expr:
     """Natural map ``c_t - P(c_t - r s) = 0`` of Coulomb's law: stick, slip and open, no false root.
 
-    Alart and Curnier (1992). ``limit`` is the friction limit at the pressure ``max(c_n - r g, 0)``.
+    Alart and Curnier (1992). ``limit`` is the friction limit at the pressure ``<c_n - r g>_eps``;
+    at ``eps = 0`` the row is exact.
     """
-    return c_t - projection(c_t - r * s, limit)
+    return c_t - projection(c_t - r * s, limit, eps)

@@ -27,6 +27,8 @@ NEWTON_TOLERANCE = 1e-11
 STAGE_TOLERANCE = 1e-6
 #: Smallest blend ``xi`` before 0, and the finest reduction of ``xi`` tried.
 SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
+#: Smallest smoothing before 0, relative to the expected traction.
+SMALLEST_EPS = 1e-9
 #: Smallest part of the increment that the continuation follows at once.
 SMALLEST_CONTINUATION = 1e-4
 #: A stage with at most this many iterations lets the next reduction be bolder.
@@ -46,6 +48,7 @@ class Attempt:
 
 #: Full Newton steps first; the others cost more and are for steep loads and high friction.
 FALLBACKS = (
+    Attempt("smoothing"),
     Attempt("projection", "bt", max_it=100, predictor_iterations=4),
     Attempt("continuation"),
     Attempt("projection", "bt", r_factor=10.0, max_it=100, predictor_iterations=2),
@@ -102,6 +105,8 @@ def _correct(
     """Predict with stick, correct, polish; leave the result in the unknowns."""
     if attempt.corrector == "continuation":
         return _continue(problem, forces)
+    if attempt.corrector == "smoothing":
+        return _smooth(problem, forces)
     start = state.save(problem.state)
     eps = problem.settings.smoothing * _expected_traction(problem, forces)
     predictor = problem.run(
@@ -160,6 +165,29 @@ def _ramp(
             if xi == 1.0 or reduction > FINEST_REDUCTION:
                 return reports  # the polish starts from the last good stage
         xi = last * reduction if last * reduction > SMALLEST_XI else 0.0
+
+
+def _smooth(problem: FrictionalContactProblem, forces: float) -> list[SubstepReport]:
+    """Solve the projection rows with ``eps`` from the size of the tractions down to zero."""
+    reports: list[SubstepReport] = []
+    largest = _expected_traction(problem, forces)
+    last = eps = largest
+    reduction, good = 0.1, state.save(problem.state)
+    while eps > 0.0 and reduction < FINEST_REDUCTION:
+        report = problem.run(
+            problem.projection, STAGE_TOLERANCE * forces, eps=eps, line_search="bt", max_it=40
+        )
+        reports.append(report)
+        if report.converged:
+            good, last = state.save(problem.state), eps
+        else:
+            state.restore(problem.state, good)
+            reduction = np.sqrt(reduction)
+        eps = last * reduction if last * reduction > SMALLEST_EPS * largest else 0.0
+    reports.append(
+        problem.run(problem.projection, NEWTON_TOLERANCE * forces, line_search="bt", max_it=100)
+    )
+    return reports
 
 
 def _continue(problem: FrictionalContactProblem, forces: float) -> list[SubstepReport]:

@@ -93,7 +93,8 @@ SLIDING = [
 @pytest.mark.parametrize(("slip", "traction", "limit", "holds"), SLIDING)
 @pytest.mark.parametrize("r", [0.1, 1.0, 100.0])
 def test_projection_row_vanishes_exactly_on_coulomb(slip, traction, limit, holds, r):
-    row = laws.projection_row(numbers(*slip), numbers(*traction), ufl.as_ufl(limit), ufl.as_ufl(r))
+    arguments = numbers(*slip), numbers(*traction), ufl.as_ufl(limit), ufl.as_ufl(r)
+    row = laws.projection_row(*arguments, ufl.as_ufl(0.0))
     assert bool(np.linalg.norm(vector(row)) < 1e-13 * r) == holds
 
 
@@ -137,9 +138,23 @@ def test_stick_row_binds_closed_nodes_and_frees_open_ones():
 @pytest.mark.parametrize("limit", [0.0, 1.0])
 def test_derivatives_are_finite_at_the_kinks(y, limit):
     a = ufl.variable(numbers(*y))
-    for function in (laws.norm(a) * a, laws.projection(a, ufl.as_ufl(limit))):
+    for function in (laws.norm(a) * a, laws.projection(a, ufl.as_ufl(limit), ufl.as_ufl(0.0))):
         jacobian = ufl.algorithms.apply_derivatives.apply_derivatives(
             ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering(ufl.diff(function, a))
         )
         entries = [value(jacobian[i, j]) for i in range(2) for j in range(2)]
         assert np.all(np.isfinite(entries))
+
+
+@pytest.mark.parametrize("y", [(0.0, 0.0), (0.3, -0.2), (3.0, 4.0)])
+@pytest.mark.parametrize("limit", [0.0, 1.0])
+def test_rounded_projection_converges_to_the_exact_one(y, limit):
+    length = np.hypot(*y)
+    exact = np.array(y) * min(1.0, limit / length if length else 1.0)
+    errors = []
+    for eps in (1e-1, 1e-3, 1e-6):
+        point = vector(laws.projection(numbers(*y), ufl.as_ufl(limit), ufl.as_ufl(eps)))
+        assert np.linalg.norm(point) <= limit + eps
+        errors.append(np.linalg.norm(point - exact))
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] < 1e-5

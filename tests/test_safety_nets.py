@@ -14,19 +14,19 @@ from models import block, gathered, raous
 projection_row, stick_row = laws.projection_row, laws.stick_row
 
 
-def flipped_sign(s, c_t, limit, r):
-    return projection_row(-s, c_t, limit, r)
+def flipped_sign(s, c_t, limit, r, eps):
+    return projection_row(-s, c_t, limit, r, eps)
 
 
-def without_friction(s, c_t, limit, r):
-    return projection_row(s, c_t, 0.0 * limit, r)
+def without_friction(s, c_t, limit, r, eps):
+    return projection_row(s, c_t, 0.0 * limit, r, eps)
 
 
-def too_much_friction(s, c_t, limit, r):
-    return projection_row(s, c_t, 1.01 * limit, r)
+def too_much_friction(s, c_t, limit, r, eps):
+    return projection_row(s, c_t, 1.01 * limit, r, eps)
 
 
-def always_stick(s, c_t, limit, r):
+def always_stick(s, c_t, limit, r, eps):
     return r * s
 
 
