@@ -87,6 +87,8 @@ class Certificate:
         alignment: ``limit |s| + c_t . s``, the power missing to slip opposite to the traction
             (J/m²).
         equilibrium: Largest nodal residual force on the free dofs (N, per unit depth in 2D).
+        rounding: Force (N) that rounding hides at displacements of this size; what it hides is not
+            certified. Large where a body is not held.
         traction_scale: The traction (Pa) that makes the maps relative.
         force_scale: The force (N) that makes equilibrium relative.
         tolerance: Relative tolerance of :attr:`certified`.
@@ -100,6 +102,7 @@ class Certificate:
     cone: float
     alignment: float
     equilibrium: float
+    rounding: float
     traction_scale: float
     force_scale: float
     tolerance: float
@@ -112,9 +115,10 @@ class Certificate:
 
     @property
     def relative(self) -> float:
-        """The worst of natural map and equilibrium, relative."""
+        """The worst of natural map, equilibrium and rounding, relative."""
         # np.max hands NaN on, max() may not.
-        return float(np.max([self.natural_map, _ratio(self.equilibrium, self.force_scale)]))
+        force = float(np.max([self.equilibrium, self.rounding]))
+        return float(np.max([self.natural_map, _ratio(force, self.force_scale)]))
 
     @property
     def certified(self) -> bool:
@@ -133,6 +137,7 @@ def certify(
     *,
     equilibrium: float,
     force_scale: float,
+    rounding: float,
     tolerance: float,
 ) -> Certificate:
     """Certify a state; collective.
@@ -142,6 +147,7 @@ def certify(
         states: The nodal values of all contacts on this rank.
         equilibrium: Largest residual force on the free dofs (N), equal on all ranks.
         force_scale: Largest force of the state (N): contact, reaction or load.
+        rounding: Force (N) that rounding hides, equal on all ranks.
         tolerance: Relative tolerance.
 
     Returns:
@@ -173,6 +179,7 @@ def certify(
     return Certificate(
         **values,
         equilibrium=equilibrium,
+        rounding=rounding,
         traction_scale=scale,
         force_scale=force_scale,
         tolerance=tolerance,

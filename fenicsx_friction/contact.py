@@ -21,9 +21,6 @@ PRESCRIBED_NORMAL = 1e-8
 
 #: A node with slip rows this fraction outside the cone is at a false root.
 FALSE_ROOT = 1e-6
-#: Forces below this fraction of stiffness times displacement count as nothing: tolerances of
-#: 1e-9 of them are what rounding leaves.
-RESOLUTION = 1e-4
 
 
 class Contact:
@@ -195,12 +192,12 @@ class Contact:
         found = np.any(outside & (self.slipping.x.array[:n] > 0.5))
         return bool(self.surface.mesh.comm.allreduce(bool(found), MPI.LOR))
 
-    def resolution(self) -> npt.NDArray[np.floating]:
-        """Return a force (N) at each owned node below which rounding of ``K u`` hides detail."""
+    def stiffness_force(self) -> npt.NDArray[np.floating]:
+        """Return stiffness times displacement (N) at each owned node, which rounding goes with."""
         n, bs = self.surface.num_owned, self._u.function_space.dofmap.index_map_bs
         u = self._u.x.array.reshape(-1, bs)[self._parent_dofs[:n]]
         stiffness = self.r.x.array[:n] * self.surface.area.x.array[:n]
-        return RESOLUTION * stiffness * np.linalg.norm(u, axis=1)
+        return np.asarray(stiffness * np.linalg.norm(u, axis=1))
 
     def nodal_traction(self) -> npt.NDArray[np.floating]:
         """Return the owned nodes' traction vectors on the body in global axes (Pa)."""

@@ -57,10 +57,12 @@ def _advice(report: StepReport) -> list[str]:
     """Say what usually helps, from the reasons of the substeps."""
     reasons = {s.reason for s in report.substeps}
     advice = []
-    if any("LINEAR" in reason for reason in reasons):
+    certificate = report.certificate
+    loose = certificate.rounding > certificate.tolerance * certificate.force_scale
+    if loose or any("LINEAR" in reason for reason in reasons):
         advice.append(
-            "A linear solve failed: is the body held (bcs or touching contact), are all cells of "
-            "positive volume?"
+            "A linear solve failed or displacements went out of bounds: is the body held, by bcs "
+            "or by contact that touches?"
         )
     if any("NAN" in reason for reason in reasons):
         advice.append("The residual is not finite: look for NaN in loads, bcs, and inverted cells.")

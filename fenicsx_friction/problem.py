@@ -200,6 +200,11 @@ class FrictionalContactProblem:
         """Return the nodal forces (N) without those of contact; owned dofs."""
         return assemble_owned(self._bulk_form)
 
+    def stiffness_force(self) -> float:
+        """Return the largest stiffness times displacement (N) of the contact nodes."""
+        local = [np.max(k.stiffness_force(), initial=0.0) for k in self.contacts]
+        return float(self.comm.allreduce(max(local), MPI.MAX))
+
     def nodal_states(self) -> list[NodalState]:
         """Return the nodal values of each contact on this rank."""
         return [
@@ -214,15 +219,14 @@ class FrictionalContactProblem:
         """Certify the current values of the unknowns as a solution of the increment.
 
         Args:
-            step_force: Largest unbalanced nodal force at the start of the step (N), which sets
-                the scale of a step that releases all contact.
+            step_force: Force of the start of the step (N): the largest unbalanced one, which
+                sets the scale of a step that releases all contact.
         """
         states = self.nodal_states()
         force = abs(self.assemble_momentum())
         free = np.setdiff1d(np.arange(len(force)), self.constrained_dofs)
         largest = max(
             [np.max(force, initial=0.0), step_force]
-            + [np.max(k.resolution(), initial=0.0) for k in self.contacts]
             + [np.max(s.area * np.linalg.norm(s.c, axis=1), initial=0.0) for s in states]
         )
         return certify(
@@ -230,6 +234,7 @@ class FrictionalContactProblem:
             states,
             equilibrium=self.comm.allreduce(np.max(force[free], initial=0.0), MPI.MAX),
             force_scale=self.comm.allreduce(largest, MPI.MAX),
+            rounding=float(np.finfo(float).eps) * self.stiffness_force(),
             tolerance=self.settings.tolerance,
         )
 

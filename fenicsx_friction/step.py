@@ -21,6 +21,9 @@ from .substep import SubstepReport
 if TYPE_CHECKING:
     from .problem import FrictionalContactProblem
 
+#: Forces below this fraction of stiffness times displacement at the start of a step count as
+#: nothing: 1e-9 of them are what rounding leaves.
+RESOLUTION = 1e-4
 #: Newton stops at this fraction of the step's forces; the certificate decides what it is worth.
 NEWTON_TOLERANCE = 1e-11
 #: Tolerance of the ramp's stages before the last, and of the predictor.
@@ -61,7 +64,10 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
     start = state.save(problem.state)
     unbalanced, largest = problem.projection.residual_norms()
     _check(problem, unbalanced)
-    forces = max(unbalanced, *_contact_forces(problem))
+    forces = max(unbalanced, _contact_forces(problem))
+    # Of the start: what the displacement of a body that nothing holds grows to is no scale.
+    largest = max(largest, RESOLUTION * problem.stiffness_force())
+    forces = max(forces, largest)
     substeps: list[SubstepReport] = []
     for attempt in (None, Attempt(problem.settings.corrector), *FALLBACKS):
         state.restore(problem.state, start)
@@ -213,14 +219,10 @@ def _continue(problem: FrictionalContactProblem, forces: float) -> list[SubstepR
     return reports
 
 
-def _contact_forces(problem: FrictionalContactProblem) -> tuple[float, float]:
-    """Return the contact forces and the resolution of forces (2-norms over the nodes, N)."""
-    squares = np.zeros(2)
-    for k, s in zip(problem.contacts, problem.nodal_states(), strict=True):
-        forces = s.area[:, None] * s.c
-        squares += np.sum(forces**2), np.sum(k.resolution() ** 2)
-    contact, resolution = np.sqrt(problem.comm.allreduce(squares, MPI.SUM))
-    return float(contact), float(resolution)
+def _contact_forces(problem: FrictionalContactProblem) -> float:
+    """Return the contact forces (2-norm over the nodes, N)."""
+    local = sum(float(np.sum((s.area[:, None] * s.c) ** 2)) for s in problem.nodal_states())
+    return float(np.sqrt(problem.comm.allreduce(local, MPI.SUM)))
 
 
 def _expected_traction(problem: FrictionalContactProblem, forces: float) -> float:
