@@ -5,10 +5,19 @@ from . import bulk, laws
 from .certificate import OPEN, SLIP, STICK, Certificate
 from .contact import Contact
 from .errors import ContactInputError, StepFailed
-from .friction import Coulomb, FrictionLaw
-from .obstacles import Obstacle, RigidPlane
-from .problem import FrictionalContactProblem, StepSettings
+from .friction import (
+    Coulomb,
+    FrictionLaw,
+    Frictionless,
+    OrthotropicCoulomb,
+    PermanentStick,
+    Sliding,
+)
+from .motion import RigidMotion
+from .obstacles import ImplicitObstacle, RigidCylinder, RigidObstacle, RigidPlane, RigidSphere
+from .problem import FrictionalContactProblem
 from .report import ContactReport, StepReport
+from .settings import StepSettings
 from .substep import SubstepReport
 from .surface import ContactSurface
 
@@ -26,8 +35,16 @@ __all__ = [
     "Coulomb",
     "FrictionLaw",
     "FrictionalContactProblem",
-    "Obstacle",
+    "Frictionless",
+    "ImplicitObstacle",
+    "OrthotropicCoulomb",
+    "PermanentStick",
+    "RigidCylinder",
+    "RigidMotion",
+    "RigidObstacle",
     "RigidPlane",
+    "RigidSphere",
+    "Sliding",
     "StepFailed",
     "StepReport",
     "StepSettings",

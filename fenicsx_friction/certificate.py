@@ -17,6 +17,8 @@ Array = npt.NDArray[np.floating]
 OPEN, STICK, SLIP = 0, 1, 2
 #: Tractions below this fraction of the step's forces set no scale.
 FAINT = 1e-4
+#: Limits (Pa) from here on mean permanent stick.
+UNLIMITED = 1e299
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class NodalState:
         area: Nodal area.
         free: False for the prescribed directions; a node with a prescribed normal is no
             contact node.
+        own_map: ``|R_t|`` (Pa) of a law that states no cone, by its own residual, or ``None``.
     """
 
     gap: Array
@@ -41,6 +44,7 @@ class NodalState:
     r: Array
     area: Array
     free: npt.NDArray[np.bool_]
+    own_map: Array | None = None
 
     @property
     def takes_part(self) -> npt.NDArray[np.bool_]:
@@ -59,7 +63,8 @@ class NodalState:
         shrink = np.minimum(1.0, self.limit / np.where(length > 0.0, length, 1.0))
         tangential = self.c[:, 1:] - shrink[:, None] * self.trial
         part = self.takes_part
-        return abs(normal) * part, np.linalg.norm(tangential, axis=1) * part
+        size = np.linalg.norm(tangential, axis=1) if self.own_map is None else self.own_map
+        return abs(normal) * part, size * part
 
     def states(self) -> npt.NDArray[np.int8]:
         """Return OPEN, STICK or SLIP of each node."""
@@ -92,6 +97,8 @@ class Certificate:
         traction_scale: The traction (Pa) that makes the maps relative.
         force_scale: The force (N) that makes equilibrium relative.
         tolerance: Relative tolerance of :attr:`certified`.
+        certifiable: False if some law states no cone: then ``tangential_map`` is its own residual,
+            and the state is solved but not certified.
     """
 
     normal_map: float
@@ -106,6 +113,7 @@ class Certificate:
     traction_scale: float
     force_scale: float
     tolerance: float
+    certifiable: bool = True
 
     @property
     def natural_map(self) -> float:
@@ -121,9 +129,14 @@ class Certificate:
         return float(np.max([self.natural_map, _ratio(force, self.force_scale)]))
 
     @property
+    def solved(self) -> bool:
+        """Whether all residuals are within the tolerance."""
+        return bool(self.relative <= self.tolerance)
+
+    @property
     def certified(self) -> bool:
         """Whether the state solves the unsmoothed increment to the tolerance."""
-        return bool(self.relative <= self.tolerance)
+        return self.solved and self.certifiable
 
     def as_dict(self) -> dict[str, float | bool]:
         """Return all entries, relative ones included, for a table or a JSON file."""
@@ -165,6 +178,8 @@ def certify(
             "ij,ij->i", state.c[:, 1:], state.slip
         )
         signorini = [-state.gap, -c_n, abs(c_n * state.gap)]
+        # A limit beyond any traction has no power to compare with.
+        work = np.where(state.limit < UNLIMITED, work, 0.0)
         quantities = [*state.natural_map(), *signorini, c_t - state.limit, abs(work)]
         worst = np.maximum(worst, [np.max(q * part, initial=0.0) for q in quantities])
         largest = np.max(np.hypot(c_n, c_t), initial=0.0)
@@ -183,6 +198,7 @@ def certify(
         traction_scale=scale,
         force_scale=force_scale,
         tolerance=tolerance,
+        certifiable=all(state.own_map is None for state in states),
     )
 
 

@@ -9,15 +9,13 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from . import laws
+from . import frame, laws
+from .certificate import NodalState
 from .compat import bc_space_contains, unrolled_bc_dofs
 from .errors import ContactInputError
-from .friction import FrictionLaw
-from .obstacles import Kinematics, Obstacle, kinematics
+from .friction import FrictionLaw, Sliding
+from .obstacles import RigidObstacle, kinematics
 from .surface import ContactSurface
-
-#: A normal this close to the span of the prescribed directions counts as prescribed.
-PRESCRIBED_NORMAL = 1e-8
 
 #: A node with slip rows this fraction outside the cone is at a false root.
 FALSE_ROOT = 1e-6
@@ -35,6 +33,7 @@ class Contact:
 
     Attributes:
         c: Multipliers ``(c_n, c_1[, c_2])``, tractions on the body in the contact frame (Pa).
+        path: Accumulated length of slip up to the last accepted step (m).
         c_stick: Multipliers of the stick predictor, frozen for the slip corrector (Pa).
         r: The scale ``r_p`` at each node (Pa/m).
         slipping: 1 at the nodes where the corrector uses the slip rows (15), else 0.
@@ -46,7 +45,7 @@ class Contact:
     def __init__(
         self,
         surface: ContactSurface,
-        obstacle: Obstacle,
+        obstacle: RigidObstacle,
         friction: FrictionLaw,
         *,
         r_p: float | None = None,
@@ -60,86 +59,127 @@ class Contact:
         self.free = fem.Function(Q, name="free_directions")
         self.free.x.array[:] = 1.0
         self.hint = fem.Function(Q, name="tangent_hint")
+        self.path = fem.Function(S, name="slip_path")
         self.r = fem.Function(S, name="r_p")
         self.slipping = fem.Function(S, name="slipping")
         self.slip_scale = fem.Function(S, name="slip_scale")
         self.slip_scale.x.array[:] = 1.0
 
-    @property
-    def tangential(self) -> list[int]:
-        """Indices of the tangential components of the multiplier."""
-        return list(range(1, self.surface.mesh.geometry.dim))
+    def bind(self, u: fem.Function, u_old: fem.Function, dt: fem.Constant, normal: str) -> None:
+        """Derive kinematics and law for the displacement ``u`` and its last accepted value.
 
-    def bind(self, u: fem.Function, u_old: fem.Function) -> None:
-        """Derive the kinematics for the displacement ``u`` and its last accepted value."""
+        Args:
+            u: Displacement.
+            u_old: Displacement of the last accepted step.
+            dt: Length of the step (s).
+            normal: Name of the normal complementarity function.
+        """
         if hasattr(self, "kinematics"):
             raise ContactInputError(
                 f"Contact '{self.surface.name}' already belongs to a problem; make another Contact "
                 "(its surface can be shared)."
             )
         self._u, self._parent_dofs = u, self.surface.parent_dofs(u.function_space)
+        self._normal_row = laws.NORMAL_ROWS[normal]
         X = ufl.SpatialCoordinate(self.surface.mesh)
-        self.kinematics: Kinematics = kinematics(self.obstacle, X + u, u - u_old, self.hint)
+        kin = kinematics(self.obstacle, X + u, X + u_old, self.hint)
+        self.kinematics = kin
         # A prescribed tangential direction neither slips nor carries friction here.
-        self.slip = ufl.as_vector(
-            [self.free[k] * self.kinematics.slip[k - 1] for k in self.tangential]
-        )
-        self.c_t = ufl.as_vector([self.c[k] for k in self.tangential])
-        self.pressure = laws.positive(self.c[0] - self.r * self.kinematics.gap)
-        self.limit = self.friction.limit(self.pressure)
-        self._evaluate = self.surface.evaluator(
-            ufl.as_vector([self.kinematics.gap, *self.slip, self.limit])
-        )
+        tangential = range(1, u.function_space.mesh.geometry.dim)
+        slip = ufl.as_vector([self.free[k] * kin.slip[k - 1] for k in tangential])
+        length = laws.norm(slip)
+        self.sliding = Sliding(slip, self.path + length, length / dt, kin.tangents, X + u)
+        c_t = ufl.as_vector([self.c[k] for k in tangential])
+        stick = ufl.as_vector([self.c_stick[k] for k in tangential])
+        # In the variables M^-1 c_t, M s every cone is a disk; |M| = 1 keeps their units.
+        metric = self.friction.metric(self.sliding)
+        self._scale = ufl.as_ufl(1.0)
+        if metric is not None:
+            self._scale = abs(ufl.det(metric)) ** (1.0 / len(tangential))
+            metric = metric / self._scale
+            slip, c_t = metric * slip, ufl.inv(metric) * c_t
+            stick = ufl.inv(metric) * stick
+        self._metric, self._slip, self._c_t, self._stick = metric, slip, c_t, stick
+        pressure = self.c[0] - self.r * kin.gap
+        limit = self._limit(laws.positive(pressure))
+        limits = [limit, self.friction.limit(ufl.as_ufl(1.0), self.sliding)]
+        limits.append(self._scale * self.friction.limit(self.c[0], self.sliding))
         # Beside the gap, because UFL folds mu = 0 to an expression that no form can hold.
-        limits = [self.friction.limit(pressure) for pressure in (ufl.as_ufl(1.0), self.c[0])]
-        self._evaluate_law = self.surface.evaluator(ufl.as_vector([self.kinematics.gap, *limits]))
-        self._traction = self.surface.evaluator(self.kinematics.traction(self.c))
+        self._evaluate = self.surface.evaluator(ufl.as_vector([kin.gap, *slip, *c_t, *limits]))
+        self._traction = self.surface.evaluator(kin.traction(self.c))
+        self._normal = self.surface.evaluator(kin.normal)
+        self._slip_length = self.surface.evaluator(ufl.as_vector([kin.gap, length]))
+        self._own_row = None
+        if not self.friction.certifiable:
+            row = self.friction.row(slip, c_t, limit, self.r, ufl.as_ufl(0.0))
+            self._own_row = self.surface.evaluator(ufl.as_vector([*row]))
+
+    def _limit(self, pressure: Expr) -> Expr:
+        """Return the law's limit in contact, zero where the node is open."""
+        H = laws.closed(self.kinematics.gap, self.c[0], self.r)
+        return H * self._scale * self.friction.limit(pressure, self.sliding)
 
     # -- the rows of the three kinds of substep ------------------------------------------
 
     def stick_rows(self, eps: Expr) -> Expr:
         """Rows of the stick predictor, eq. (14)."""
         H = laws.closed(self.kinematics.gap, self.c[0], self.r)
-        return self._rows(eps, laws.stick_row(self.slip, self.c_t, self.r, H))
+        return self._rows(eps, laws.stick_row(self._slip, self._c_t, self.r, H))
 
     def projection_rows(self, eps: Expr) -> Expr:
         """Rows of the natural map."""
-        pressure = laws.ramp(self.c[0] - self.r * self.kinematics.gap, eps)
-        limit = self.friction.limit(pressure)
-        return self._rows(eps, laws.projection_row(self.slip, self.c_t, limit, self.r, eps))
+        limit = self._limit(laws.ramp(self.c[0] - self.r * self.kinematics.gap, eps))
+        return self._rows(eps, self.friction.row(self._slip, self._c_t, limit, self.r, eps))
 
     def slip_rows(self, eps: Expr, xi: Expr, sign: float) -> Expr:
         """Slip rows (15) at the ``slipping`` nodes, projection rows at the others."""
-        stick = ufl.as_vector([self.c_stick[k] for k in self.tangential])
-        w = laws.blended_slip(self.slip, stick, xi, self.slip_scale, sign)
-        slip = laws.slip_row(self.c_t, self.friction.limit(self.c[0]), w, self.slip_scale)
-        other = laws.projection_row(self.slip, self.c_t, self.limit, self.r, ufl.as_ufl(0.0))
+        w = laws.blended_slip(self._slip, self._stick, xi, self.slip_scale, sign)
+        limit = self._scale * self.friction.limit(self.c[0], self.sliding)
+        slip = laws.slip_row(self._c_t, limit, w, self.slip_scale)
+        limit = self._limit(laws.positive(self.c[0] - self.r * self.kinematics.gap))
+        other = self.friction.row(self._slip, self._c_t, limit, self.r, ufl.as_ufl(0.0))
         return self._rows(eps, self.slipping * slip + (1.0 - self.slipping) * other)
 
     def _rows(self, eps: Expr, tangential: Expr) -> Expr:
         """Stack the normal row on the tangential ones."""
-        normal = laws.normal_row(self.kinematics.gap, self.c[0], self.r, eps)
+        normal = self._normal_row(self.kinematics.gap, self.c[0], self.r, eps)
+        if self._metric is not None:
+            tangential = self._metric * tangential
         return ufl.as_vector([normal, *tangential])
 
     # -- nodal values --------------------------------------------------------------------
 
-    def nodal(self) -> dict[str, npt.NDArray[np.floating]]:
-        """Return the owned nodes' ``gap, slip, limit, c, r, area`` as plain arrays."""
-        n = self.surface.num_owned
+    def nodal(self) -> NodalState:
+        """Return the nodal values of this rank's nodes, tractions in the law's disk variables."""
+        n, d = self.surface.num_owned, self.surface.mesh.geometry.dim
         values = self._evaluate()
-        return {
-            "gap": values[:, 0],
-            "slip": values[:, 1:-1],
-            "limit": values[:, -1],
-            "c": self.c.x.array.reshape(-1, self.surface.Q.dofmap.index_map_bs)[:n].copy(),
-            "r": self.r.x.array[:n].copy(),
-            "area": self.surface.area.x.array[:n].copy(),
-        }
+        own = None if self._own_row is None else np.linalg.norm(self._own_row(), axis=1)
+        return NodalState(
+            gap=values[:, 0],
+            slip=values[:, 1:d],
+            limit=values[:, 2 * d - 1],
+            c=np.column_stack([self.c.x.array[: n * d : d], values[:, d : 2 * d - 1]]),
+            r=self.r.x.array[:n].copy(),
+            area=self.surface.area.x.array[:n].copy(),
+            free=self.free.x.array[: n * d].reshape(n, d) > 0.5,
+            own_map=own,
+        )
 
     def gap_and_friction(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
         """Return the owned nodes' gaps (m) and friction limits at unit pressure."""
-        gap, friction, _ = self._evaluate_law().T
-        return gap, friction
+        values = self._evaluate()
+        return values[:, 0], values[:, -2]
+
+    def nodal_traction(self) -> npt.NDArray[np.floating]:
+        """Return the owned nodes' traction vectors on the body in global axes (Pa)."""
+        return self._traction()
+
+    def stiffness_force(self) -> npt.NDArray[np.floating]:
+        """Return stiffness times displacement (N) at each owned node, which rounding goes with."""
+        n, bs = self.surface.num_owned, self._u.function_space.dofmap.index_map_bs
+        u = self._u.x.array.reshape(-1, bs)[self._parent_dofs[:n]]
+        stiffness = self.r.x.array[:n] * self.surface.area.x.array[:n]
+        return np.asarray(stiffness * np.linalg.norm(u, axis=1))
 
     def check_friction(self) -> None:
         """Raise a ContactInputError, on all ranks, unless the friction limit is ``>= 0``."""
@@ -156,6 +196,8 @@ class Contact:
                 f">= 0 at every contact node; it is {next(b[0] for b in found if b)}."
             )
 
+    # -- the slip corrector of the paper -----------------------------------------------------
+
     def freeze_stick(self, *, violated_only: bool = True) -> int:
         """Freeze the stick traction for the slip rows and choose the nodes that get them.
 
@@ -166,15 +208,15 @@ class Contact:
         Returns:
             How many owned nodes were chosen.
         """
-        n, values = self.surface.num_owned, self.nodal()
-        traction = np.linalg.norm(values["c"][:, 1:], axis=1)
-        chosen = (traction > 0.0) & (values["c"][:, 0] >= values["r"] * values["gap"])
+        n, state = self.surface.num_owned, self.nodal()
+        traction = np.linalg.norm(state.c[:, 1:], axis=1)
+        chosen = (traction > 0.0) & (state.c[:, 0] >= state.r * state.gap)
         if violated_only:
-            chosen &= traction > values["limit"]
+            chosen &= traction > state.limit
         self.c_stick.x.array[:] = self.c.x.array
         self.slipping.x.array[:n] = chosen
         # The elastic displacement under the stick force: a slip length free of units.
-        self.slip_scale.x.array[:n] = np.where(chosen, traction / values["r"], 1.0)
+        self.slip_scale.x.array[:n] = np.where(chosen, traction / state.r, 1.0)
         self.slipping.x.scatter_forward()
         self.slip_scale.x.scatter_forward()
         return int(np.sum(chosen))
@@ -185,23 +227,38 @@ class Contact:
         ``c_t |w| + mu c_n w = 0`` holds at ``w = 0`` for any traction.
         """
         n = self.surface.num_owned
-        traction = np.linalg.norm(self.nodal()["c"][:, 1:], axis=1)
-        limit = self._evaluate_law()[:, 2]
+        traction = np.linalg.norm(self.nodal().c[:, 1:], axis=1)
+        limit = self._evaluate()[:, -1]
         slack = FALSE_ROOT * np.max(traction, initial=0.0)
         outside = traction > limit * (1.0 + FALSE_ROOT) + slack
         found = np.any(outside & (self.slipping.x.array[:n] > 0.5))
         return bool(self.surface.mesh.comm.allreduce(bool(found), MPI.LOR))
 
-    def stiffness_force(self) -> npt.NDArray[np.floating]:
-        """Return stiffness times displacement (N) at each owned node, which rounding goes with."""
-        n, bs = self.surface.num_owned, self._u.function_space.dofmap.index_map_bs
-        u = self._u.x.array.reshape(-1, bs)[self._parent_dofs[:n]]
-        stiffness = self.r.x.array[:n] * self.surface.area.x.array[:n]
-        return np.asarray(stiffness * np.linalg.norm(u, axis=1))
+    # -- from step to step ---------------------------------------------------------------------
 
-    def nodal_traction(self) -> npt.NDArray[np.floating]:
-        """Return the owned nodes' traction vectors on the body in global axes (Pa)."""
-        return self._traction()
+    def commit(self) -> None:
+        """Add the slip of the accepted step to the path."""
+        n = self.surface.num_owned
+        self.path.x.array[:n] += self._slip_length()[:, 1]
+        self.path.x.scatter_forward()
+
+    def refresh_frames(self) -> None:
+        """Choose other first tangents where a frame became ill-defined, and turn ``c`` to them."""
+        d, n = self.surface.mesh.geometry.dim, self.surface.num_owned
+        if d == 2:
+            return
+        hints = self.hint.x.array.reshape(-1, d)
+        normals = self._normals()
+        steep = frame.steep_hints(normals, hints) & (self._fixed.sum(axis=1) != 1)
+        if not self.surface.mesh.comm.allreduce(bool(np.any(steep)), MPI.LOR):
+            return
+        traction = self.nodal_traction()
+        hints[steep] = frame.choose_hints(normals, self._fixed)[steep]
+        vectors = [self.surface.evaluator(e)() for e in self.kinematics.tangents]
+        c = self.c.x.array.reshape(-1, d)
+        for k, e in enumerate(vectors):
+            c[:n, k + 1] = np.einsum("ij,ij->i", traction, e)
+        self.c.x.scatter_forward()
 
     # -- set-up from the boundary conditions and the bulk stiffness ------------------------
 
@@ -223,39 +280,31 @@ class Contact:
     def pin_prescribed(
         self, V: fem.FunctionSpace, bcs: list[fem.DirichletBC]
     ) -> list[fem.DirichletBC]:
-        """Find the prescribed contact directions and constrain their multipliers to zero.
-
-        The tangent frame of a node with one prescribed Cartesian direction is turned so that
-        its first tangent takes that direction; then the multiplier of a prescribed tangent has
-        no work to do (the boundary condition carries the reaction) and its row would repeat
-        the boundary condition. A node whose normal displacement is prescribed takes no part.
+        """Choose the frames and constrain the multipliers of prescribed directions to zero.
 
         Returns:
             The homogeneous conditions on the multipliers, one a component.
         """
         Q, gdim = self.surface.Q, V.mesh.geometry.dim
-        fixed = self._fixed_components(V, bcs)
-        normal = fem.Function(Q)
-        self._set_hint(np.zeros_like(fixed), np.tile(np.eye(gdim)[0], (len(fixed), 1)))
-        n = self.surface.num_owned
-        normal.x.array.reshape(-1, gdim)[:n] = self.surface.evaluator(self.kinematics.normal)()
-        normal.x.scatter_forward()
-        normals = normal.x.array.reshape(-1, gdim)
-        self._set_hint(fixed, normals)
-        held_normal = np.linalg.norm(np.where(fixed, 0.0, normals), axis=1) < PRESCRIBED_NORMAL
-        pinned = np.zeros_like(fixed)
-        for k in range(1, gdim):
-            pinned[:, k] = fixed.sum(axis=1) >= k
-        pinned[held_normal] = True
+        self._fixed = self._fixed_components(V, bcs)
+        normals = self._normals()
+        self.hint.x.array[:] = frame.choose_hints(normals, self._fixed).ravel()
+        pinned = frame.pinned_directions(normals, self._fixed)
         self.free.x.array[:] = np.where(pinned, 0.0, 1.0).ravel()
         return [
             fem.dirichletbc(
-                0.0,
-                (np.flatnonzero(pinned[:, k]) * gdim + k).astype(np.int32),
-                Q.sub(k),
+                0.0, (np.flatnonzero(pinned[:, k]) * gdim + k).astype(np.int32), Q.sub(k)
             )
             for k in range(gdim)
         ]
+
+    def _normals(self) -> npt.NDArray[np.floating]:
+        """Return the normals of owned and ghost nodes."""
+        gdim = self.surface.mesh.geometry.dim
+        normal = fem.Function(self.surface.Q)
+        normal.x.array.reshape(-1, gdim)[: self.surface.num_owned] = self._normal()
+        normal.x.scatter_forward()
+        return np.asarray(normal.x.array.reshape(-1, gdim))
 
     def _fixed_components(
         self, V: fem.FunctionSpace, bcs: list[fem.DirichletBC]
@@ -266,9 +315,4 @@ class Contact:
             if bc_space_contains(V, bc):
                 fixed.x.array[unrolled_bc_dofs(bc)] = 1.0
         fixed.x.scatter_forward()
-        return fixed.x.array.reshape(-1, V.dofmap.index_map_bs)[self._parent_dofs] > 0.5
-
-    def _set_hint(self, fixed: npt.NDArray[np.bool_], normals: npt.NDArray[np.floating]) -> None:
-        """Point the hint along a single prescribed axis, else along the most tangential one."""
-        axis = np.where(fixed.sum(axis=1) == 1, fixed.argmax(axis=1), abs(normals).argmin(axis=1))
-        self.hint.x.array[:] = np.eye(normals.shape[1])[axis].ravel()
+        return np.asarray(fixed.x.array.reshape(-1, V.dofmap.index_map_bs)[self._parent_dofs] > 0.5)

@@ -67,8 +67,11 @@ class ExactReference:
         if len(problem.contacts) != 1 or len(problem.unknowns) != 1:
             raise ContactInputError("The exact reference takes one contact and one unknown u.")
         (contact,) = problem.contacts
-        if not isinstance(contact.friction, Coulomb):
+        law = contact.friction
+        if not isinstance(law, Coulomb) or law.cap is not None or law.adhesion != 0.0:
             raise ContactInputError("The exact reference knows Coulomb's law only.")
+        if contact.obstacle.motion is not None:
+            raise ContactInputError("The exact reference needs an obstacle at rest.")
         self._problem, self._contact = problem, contact
         V = problem.u.function_space
         d = V.mesh.geometry.dim

@@ -1,53 +1,164 @@
 # SPDX-License-Identifier: MIT
-"""Friction laws: the limit of the tangential traction as a function of the pressure."""
+"""Friction laws in UFL. A new law is a class with a ``limit``."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple
 
+import numpy as np
 import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from . import laws
 from .errors import ContactInputError
 
+#: The limit of permanent stick (Pa): beyond any traction, and a number that UFL can multiply.
+UNLIMITED = 1e300
 
-class FrictionLaw(Protocol):
-    """What the rows and the certificate need to know of a law.
 
-    The tangential traction stays in the disk of radius ``limit``, and slip occurs on its
-    boundary, opposite to the traction.
+class Sliding(NamedTuple):
+    """What a law may depend on beside the pressure, in UFL.
+
+    Attributes:
+        slip: Slip increment of the step (m) in the contact frame.
+        path: Accumulated length of slip (m), this step included.
+        rate: Slip rate ``|slip| / dt`` (m/s).
+        tangents: Unit tangents of the frame, global vectors.
+        x: Current position (m).
     """
 
-    def limit(self, pressure: Expr) -> Expr:
-        """Return the largest tangential traction (Pa) at ``pressure >= 0`` (Pa)."""
-        ...
+    slip: Expr
+    path: Expr
+    rate: Expr
+    tangents: tuple[Expr, ...]
+    x: Expr
+
+
+class FrictionLaw:
+    """Base class: the traction stays in the disk of radius ``limit``, slip opposes it on the rim.
+
+    A law overrides :meth:`limit`; an anisotropic one :meth:`metric`, too. Both certify. A law of
+    another kind overrides :meth:`row`; its steps are solved but not certified.
+    """
+
+    def limit(self, pressure: Expr, sliding: Sliding) -> Expr:
+        """Return the largest tangential traction (Pa) at ``pressure >= 0`` (Pa) in contact."""
+        raise NotImplementedError(f"{type(self).__name__} has no limit.")  # pragma: no cover
+
+    def metric(self, sliding: Sliding) -> Expr | None:
+        """Return a symmetric positive tensor ``M`` in the frame, or ``None`` for the identity.
+
+        The cone is ``|M^-1 c_t| <= limit``, and slip dissipates most: it is along
+        ``-M^-1 M^-1 c_t``.
+        """
+        return None
+
+    def row(self, s: Expr, c_t: Expr, limit: Expr, r: Expr, eps: Expr) -> Expr:
+        """Return the tangential residual (Pa) of a node, zero where the law holds."""
+        return laws.projection_row(s, c_t, limit, r, eps)
+
+    @property
+    def certifiable(self) -> bool:
+        """Whether the natural map of limit and metric states the law."""
+        return type(self).row is FrictionLaw.row
+
+
+class Frictionless(FrictionLaw):
+    """No tangential traction."""
+
+    def limit(self, pressure: Expr, sliding: Sliding) -> Expr:
+        """Return zero."""
+        return 0.0 * pressure
+
+
+class PermanentStick(FrictionLaw):
+    """No slip while in contact, whatever the traction."""
+
+    def limit(self, pressure: Expr, sliding: Sliding) -> Expr:
+        """Return more than any traction."""
+        return ufl.as_ufl(UNLIMITED)
+
+
+Mu = float | Expr | Callable[[Expr, Sliding], Expr]
 
 
 @dataclass(frozen=True)
-class Coulomb:
-    """Coulomb's law, ``limit = mu * pressure``, eq. (2).
+class Coulomb(FrictionLaw):
+    """Coulomb's law, ``limit = mu * pressure``, eq. (2), with optional adhesion and cap.
+
+    ``limit = min(adhesion + mu * pressure, cap)``: with ``mu = 0`` and a cap it is Tresca's law.
 
     Attributes:
         mu: Friction coefficient: a number, ``fem.Constant``, ``fem.Function`` on the mesh or on
-            the contact surface, or any scalar UFL expression of such. Values are checked to be
-            ``>= 0`` (here where they are known, at the contact nodes in every step).
+            the contact surface, a scalar UFL expression of such, or a function of the pressure
+            and of :class:`Sliding` that returns one. Values are checked to be ``>= 0``: here
+            where they are known, at the contact nodes in every step.
+        adhesion: Limit at zero pressure (Pa), while in contact.
+        cap: Largest limit (Pa), or ``None``.
     """
 
-    mu: float | Expr
+    mu: Mu
+    adhesion: float | Expr = 0.0
+    cap: float | Expr | None = None
 
     def __post_init__(self) -> None:
-        """Check the coefficient as far as its value is known."""
-        if isinstance(self.mu, fem.Constant):
-            value = float(self.mu.value)
-        elif isinstance(self.mu, Expr):
-            if self.mu.ufl_shape != ():
-                raise ContactInputError(f"mu must be scalar, its shape is {self.mu.ufl_shape}.")
-            return
-        else:
-            value = float(self.mu)
-        if not 0.0 <= value < float("inf"):
-            raise ContactInputError(f"The friction coefficient mu = {value} must be >= 0, finite.")
+        """Check the coefficients as far as their values are known."""
+        if not callable(self.mu) or isinstance(self.mu, Expr):
+            _check(self.mu, "friction coefficient mu")
+        _check(self.adhesion, "adhesion")
+        if self.cap is not None:
+            _check(self.cap, "cap")
 
-    def limit(self, pressure: Expr) -> Expr:
-        """Return ``mu * pressure``."""
-        return ufl.as_ufl(self.mu) * pressure
+    def limit(self, pressure: Expr, sliding: Sliding) -> Expr:
+        """Return ``min(adhesion + mu * pressure, cap)``."""
+        mu = self.mu
+        if callable(mu) and not isinstance(mu, Expr):
+            mu = mu(pressure, sliding)
+        limit = ufl.as_ufl(self.adhesion) + ufl.as_ufl(mu) * pressure
+        return limit if self.cap is None else ufl.min_value(limit, ufl.as_ufl(self.cap))
+
+
+@dataclass(frozen=True)
+class OrthotropicCoulomb(FrictionLaw):
+    """Coulomb friction with an elliptical cone in 3D.
+
+    Attributes:
+        mu: Friction coefficients along the axis and across it, ``> 0``.
+        axis: Direction whose projection on the surface is the first axis of the ellipse.
+    """
+
+    mu: tuple[float, float]
+    axis: Sequence[float]
+
+    def __post_init__(self) -> None:
+        """Check the coefficients."""
+        for value in self.mu:
+            _check(value, "friction coefficient mu")
+        if min(self.mu) <= 0.0 or not np.linalg.norm(self.axis) > 0.0 or len(self.axis) != 3:
+            raise ContactInputError(
+                f"Orthotropic friction needs mu > 0 and an axis in 3D, not {self.mu}, {self.axis}."
+            )
+
+    def limit(self, pressure: Expr, sliding: Sliding) -> Expr:
+        """Return the pressure; the coefficients are in the metric."""
+        return pressure
+
+    def metric(self, sliding: Sliding) -> Expr:
+        """Return ``mu_1 d d + mu_2 (1 - d d)`` with the axis ``d`` in the frame."""
+        axis = ufl.as_vector(list(self.axis))
+        d = laws.direction(ufl.as_vector([ufl.dot(axis, e) for e in sliding.tangents]))
+        along = ufl.outer(d, d)
+        return self.mu[0] * along + self.mu[1] * (ufl.Identity(2) - along)
+
+
+def _check(value: float | Expr, what: str) -> None:
+    """Raise unless a coefficient whose value is known is finite and not negative."""
+    if isinstance(value, fem.Constant):
+        value = float(value.value)
+    elif isinstance(value, Expr):
+        if value.ufl_shape != ():
+            raise ContactInputError(f"The {what} must be scalar, its shape is {value.ufl_shape}.")
+        return
+    if not 0.0 <= float(value) < float("inf"):
+        raise ContactInputError(f"The {what} = {value} must be >= 0 and finite.")

@@ -62,6 +62,24 @@ def normal_row(g: Expr, c_n: Expr, r: Expr, eps: Expr) -> Expr:
     return ramp(r * g - c_n, eps) - r * g
 
 
+def min_row(g: Expr, c_n: Expr, r: Expr, eps: Expr) -> Expr:
+    """Normal complementarity ``min(r g, c_n) = 0``: the row above without smoothing."""
+    return normal_row(g, c_n, r, 0.0 * eps)
+
+
+def fischer_burmeister_row(g: Expr, c_n: Expr, r: Expr, eps: Expr) -> Expr:
+    """Normal complementarity ``sqrt((r g)^2 + c_n^2 + 2 eps^2) - r g - c_n = 0``."""
+    return norm(ufl.as_vector([r * g, c_n, math.sqrt(2.0) * eps])) - r * g - c_n
+
+
+#: The normal complementarity functions by name.
+NORMAL_ROWS = {
+    "chen-mangasarian": normal_row,
+    "fischer-burmeister": fischer_burmeister_row,
+    "min": min_row,
+}
+
+
 def closed(g: Expr, c_n: Expr, r: Expr) -> Expr:
     """Switch H of eq. (10): 1 where the node is in contact.
 

@@ -2,8 +2,6 @@
 """The frictional contact problem: the user's bulk residual with contact rows beside it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -16,54 +14,14 @@ from dolfinx.la import InsertMode
 
 from . import step
 from .certificate import OPEN, SLIP, STICK, Certificate, NodalState, certify
+from .checks import check_problem
 from .compat import bc_space_contains, unrolled_bc_dofs
 from .contact import Contact
 from .errors import ContactInputError
 from .measures import share_facet_data
 from .report import ContactReport, StepReport
+from .settings import StepSettings
 from .substep import Substep, SubstepReport
-
-
-@dataclass(frozen=True)
-class StepSettings:
-    """How a step is solved; the defaults need no tuning.
-
-    Attributes:
-        corrector: ``"projection"``: natural map from the stick state; ``"ramp"``: the paper's
-            slip rows with ``xi`` ramped to 0, then the natural map as polish.
-        tolerance: Relative tolerance of the certificate.
-        predictor_iterations: Newton iterations of the stick predictor; it need not converge.
-        smoothing: ``eps`` of the predictor relative to the expected traction.
-        ramp_nodes: ``"violated"``: slip rows only where the stick force leaves the cone;
-            ``"all"``: at all nodes, as printed in the paper.
-        ramp_sign: Sign of the stick direction in eq. (12), see
-            :func:`fenicsx_friction.laws.blended_slip`.
-        raise_on_uncertified: Raise :class:`~fenicsx_friction.errors.StepFailed`, or else return
-            the report with ``certified == False``. The state is the last accepted one either way.
-    """
-
-    corrector: Literal["projection", "ramp"] = "projection"
-    tolerance: float = 1e-9
-    predictor_iterations: int = 1
-    smoothing: float = 1e-2
-    ramp_nodes: Literal["violated", "all"] = "violated"
-    ramp_sign: Literal[-1, 1] = -1
-    raise_on_uncertified: bool = True
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        choices = {
-            "corrector": (self.corrector, ("projection", "ramp")),
-            "ramp_nodes": (self.ramp_nodes, ("violated", "all")),
-            "ramp_sign": (self.ramp_sign, (-1, 1)),
-        }
-        for name, (value, allowed) in choices.items():
-            if value not in allowed:
-                raise ContactInputError(f"{name} = {value!r} must be one of {allowed}.")
-        if not 0.0 < self.tolerance < 1.0:
-            raise ContactInputError(f"tolerance = {self.tolerance} must lie in (0, 1).")
-        if self.predictor_iterations < 1 or self.smoothing < 0.0:
-            raise ContactInputError("predictor_iterations must be >= 1 and smoothing >= 0.")
 
 
 class FrictionalContactProblem:
@@ -85,6 +43,7 @@ class FrictionalContactProblem:
         u: The displacement.
         u_old: The displacement of the last accepted step.
         contacts: The contacts; ``contact.c`` are the multipliers.
+        dt: Length of the step (s), ``fem.Constant``; only rate-dependent laws need it.
         num_steps: Number of accepted steps.
         accepted: Nodal values of each contact (this rank's nodes) in the last accepted step.
         monitor: Called with each :class:`~fenicsx_friction.substep.SubstepReport`, or ``None``.
@@ -113,7 +72,7 @@ class FrictionalContactProblem:
         self.settings = settings or StepSettings()
         self.bcs = list(bcs or [])
         self.u = self.unknowns[0]
-        _check_input(blocks, self.unknowns, self.contacts, petsc_options_prefix)
+        check_problem(blocks, self.unknowns, self.contacts, petsc_options_prefix)
         V = self.u.function_space
         self.comm: MPI.Intracomm = V.mesh.comm
         self.u_old = fem.Function(V, name="u_old")
@@ -123,6 +82,7 @@ class FrictionalContactProblem:
         self.monitor: Callable[[SubstepReport], None] | None = None
         self._xi = fem.Constant(V.mesh, default_scalar_type(0.0))
         self._eps = fem.Constant(V.mesh, default_scalar_type(0.0))
+        self.dt = fem.Constant(V.mesh, default_scalar_type(1.0))
 
         self._entity_maps = [*(entity_maps or []), *(k.surface.entity_map for k in self.contacts)]
         blocks, measures = share_facet_data(blocks, [k.surface for k in self.contacts])
@@ -207,13 +167,7 @@ class FrictionalContactProblem:
 
     def nodal_states(self) -> list[NodalState]:
         """Return the nodal values of each contact on this rank."""
-        return [
-            NodalState(
-                **k.nodal(),
-                free=k.free.x.array.reshape(-1, len(k.tangential) + 1)[: k.surface.num_owned] > 0.5,
-            )
-            for k in self.contacts
-        ]
+        return [k.nodal() for k in self.contacts]
 
     def certify(self, step_force: float = 0.0) -> Certificate:
         """Certify the current values of the unknowns as a solution of the increment.
@@ -261,6 +215,11 @@ class FrictionalContactProblem:
     def commit(self) -> None:
         """Make the current values the history of the next step."""
         self.accepted = self.nodal_states()
+        for k in self.contacts:
+            k.commit()
+        for motion in {id(k.obstacle.motion): k.obstacle.motion for k in self.contacts}.values():
+            if motion is not None:
+                motion.commit()
         self.u_old.x.array[:] = self.u.x.array
         self.num_steps += 1
 
@@ -278,7 +237,7 @@ class FrictionalContactProblem:
         matrix.destroy()
         self._pins: list[fem.DirichletBC] = []
         for k in self.contacts:
-            k.bind(self.u, self.u_old)
+            k.bind(self.u, self.u_old, self.dt, self.settings.normal)
             k.set_scale(diagonal)
             self._pins += k.pin_prescribed(V, self.bcs)
         lowest = min(np.min(k.r.x.array, initial=np.inf) for k in self.contacts)
@@ -294,39 +253,6 @@ def assemble_owned(form: fem.Form) -> np.ndarray:
     vector = fem.assemble_vector(form)
     vector.scatter_reverse(InsertMode.add)
     return np.asarray(vector.array[: vector.index_map.size_local * vector.block_size])
-
-
-def _check_input(
-    blocks: Sequence[ufl.Form],
-    unknowns: Sequence[fem.Function],
-    contacts: Sequence[Contact],
-    prefix: str,
-) -> None:
-    """Raise a ContactInputError for what can be seen from the arguments."""
-    if not prefix:
-        raise ContactInputError("petsc_options_prefix must not be empty; take e.g. 'block_'.")
-    if not contacts:
-        raise ContactInputError("There is no contact: give at least one Contact.")
-    if len(blocks) != len(unknowns):
-        raise ContactInputError(f"{len(blocks)} residuals F for {len(unknowns)} unknowns u.")
-    V, gdim = unknowns[0].function_space, unknowns[0].function_space.mesh.geometry.dim
-    if V.dofmap.index_map_bs != gdim:
-        raise ContactInputError(
-            f"The displacement has {V.dofmap.index_map_bs} components in {gdim} dimensions."
-        )
-    for block, unknown in zip(blocks, unknowns, strict=True):
-        if len(block.arguments()) != 1:
-            raise ContactInputError(
-                f"A residual must be linear in one test function; this one has "
-                f"{len(block.arguments())} arguments. Replace the trial function by u."
-            )
-        if block.arguments()[0].ufl_function_space() != unknown.function_space:
-            raise ContactInputError("A residual's test function is not in its unknown's space.")
-    for contact in contacts:
-        if contact.surface.mesh is not V.mesh:
-            raise ContactInputError(
-                f"Contact surface '{contact.surface.name}' lies on another mesh than u."
-            )
 
 
 def _constrained_dofs(V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> np.ndarray:

@@ -61,6 +61,8 @@ FALLBACKS = (
 
 def advance(problem: FrictionalContactProblem) -> StepReport:
     """Solve, certify and commit one increment; see ``FrictionalContactProblem.solve``."""
+    for k in problem.contacts:
+        k.refresh_frames()
     start = state.save(problem.state)
     unbalanced, largest = problem.projection.residual_norms()
     _check(problem, unbalanced)
@@ -84,7 +86,7 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
             problem.contact_reports(),
             certificate,
         )
-        if certificate.certified:
+        if certificate.solved:
             problem.commit()
             return report
     message = explain(problem, report)

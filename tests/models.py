@@ -141,7 +141,7 @@ def gathered(problem):
     surface, d = contact.surface, problem.u.function_space.mesh.geometry.dim
     nodes = surface.parent_dofs(problem.u.function_space)[: surface.num_owned]
     u = problem.u.x.array.reshape(-1, d)[nodes]
-    parts = comm.allgather((surface.x, contact.nodal()["c"], u))
+    parts = comm.allgather((surface.x, contact.nodal().c, u))
     x, c, u = (np.concatenate(list(column)) for column in zip(*parts, strict=True))
     order = np.lexsort(np.round(x, 9).T[::-1])
     return x[order], c[order], u[order]

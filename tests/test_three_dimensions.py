@@ -20,7 +20,7 @@ def test_sweep_equals_the_exact_reference(cell, mu, corrector):
         model.move(*displacement)
         expected = exact.advance()
         report = model.problem.solve()
-        c = model.contact.nodal()["c"]
+        c = model.contact.nodal().c
         scale = max(np.max(np.abs(expected.c)), 1e-3)  # Pa; the last step opens all
         assert c == pytest.approx(expected.c, abs=1e-7 * scale)
         totals = report.contacts[0]

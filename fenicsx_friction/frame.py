@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: MIT
+"""The tangent frame of each contact node, and what boundary conditions leave free of it."""
+
+import numpy as np
+import numpy.typing as npt
+
+#: A normal this close to the span of the prescribed directions counts as prescribed.
+PRESCRIBED_NORMAL = 1e-8
+#: Cosine between hint and normal beyond which the first tangent is taken from another axis.
+STEEP = 0.9
+
+Array = npt.NDArray[np.floating]
+Mask = npt.NDArray[np.bool_]
+
+
+def choose_hints(normals: Array, fixed: Mask) -> Array:
+    """Choose the axis whose tangential part becomes the first tangent of each node.
+
+    It is the prescribed axis where exactly one is prescribed, so that one multiplier alone belongs
+    to the prescribed direction; else the axis most tangential to the surface.
+
+    Args:
+        normals: Unit normals, one row a node.
+        fixed: Which Cartesian components of the displacement are prescribed, one row a node.
+
+    Returns:
+        Unit vectors along coordinate axes, one row a node.
+    """
+    single = fixed.sum(axis=1) == 1
+    axis = np.where(single, fixed.argmax(axis=1), abs(normals).argmin(axis=1))
+    return np.asarray(np.eye(normals.shape[1])[axis])
+
+
+def steep_hints(normals: Array, hints: Array) -> Mask:
+    """Tell where the normal has turned so far towards the hint that the frame is ill-defined."""
+    return np.asarray(abs(np.einsum("ij,ij->i", normals, hints)) > STEEP)
+
+
+def pinned_directions(normals: Array, fixed: Mask) -> Mask:
+    """Tell which directions ``(n, e_1[, e_2])`` of each frame are prescribed.
+
+    The multiplier of a prescribed tangent has no work to do (the boundary condition carries the
+    reaction), and its row would repeat the boundary condition. A node whose normal displacement
+    is prescribed takes no part in contact.
+
+    Args:
+        normals: Unit normals, one row a node.
+        fixed: Which Cartesian components of the displacement are prescribed.
+
+    Returns:
+        One row a node, normal first.
+    """
+    held_normal = np.linalg.norm(np.where(fixed, 0.0, normals), axis=1) < PRESCRIBED_NORMAL
+    pinned = np.zeros_like(fixed)
+    for k in range(1, fixed.shape[1]):
+        pinned[:, k] = fixed.sum(axis=1) >= k
+    pinned[held_normal] = True
+    return pinned

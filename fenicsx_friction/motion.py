@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: MIT
+"""Rigid motion of an obstacle: a translation and a rotation, set by the user before each step."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import ufl
+from dolfinx import default_scalar_type, fem, mesh
+from ufl.core.expr import Expr
+
+from .errors import ContactInputError
+
+
+class RigidMotion:
+    """Translation and rotation of an obstacle, as ``fem.Constant``s to be set before a step.
+
+    A point ``X`` of the unmoved obstacle is at ``center + translation + R(angle) (X - center)``.
+
+    Args:
+        msh: The mesh of the body that meets the obstacle.
+        center: Center of rotation (m); the origin by default.
+        axis: Axis of rotation in 3D, of any length; ``z`` by default. In 2D rotation is
+            counter-clockwise.
+
+    Attributes:
+        translation: Translation (m).
+        angle: Angle (rad).
+    """
+
+    def __init__(
+        self,
+        msh: mesh.Mesh,
+        *,
+        center: Sequence[float] | None = None,
+        axis: Sequence[float] = (0.0, 0.0, 1.0),
+    ) -> None:
+        d = msh.geometry.dim
+        self._center = np.zeros(d) if center is None else np.asarray(center, dtype=float)
+        length = np.linalg.norm(axis)
+        if self._center.shape != (d,) or not np.all(np.isfinite(self._center)):
+            raise ContactInputError(f"The center {center} must have {d} finite components.")
+        if len(axis) != 3 or not 0.0 < length < np.inf:
+            raise ContactInputError(f"The axis {axis} has no direction in three dimensions.")
+        self._axis = np.asarray(axis, dtype=float) / length
+        self.translation, self._old_translation = (
+            fem.Constant(msh, np.zeros(d, dtype=default_scalar_type)) for _ in range(2)
+        )
+        self.angle, self._old_angle = (
+            fem.Constant(msh, default_scalar_type(0.0)) for _ in range(2)
+        )
+
+    def undo(self, x: Expr) -> Expr:
+        """Return the point of the unmoved obstacle that is at ``x`` now."""
+        center = ufl.as_vector(self._center.tolist())
+        back = ufl.transpose(self._rotation(self.angle))
+        return center + ufl.dot(back, x - center - self.translation)
+
+    def carry(self, x: Expr) -> Expr:
+        """Return where the point that was at ``x`` at the last accepted step is now."""
+        center = ufl.as_vector(self._center.tolist())
+        turn = self._rotation(self.angle - self._old_angle)
+        return center + self.translation + ufl.dot(turn, x - center - self._old_translation)
+
+    def commit(self) -> None:
+        """Make the present position that of the last accepted step."""
+        self._old_translation.value = self.translation.value
+        self._old_angle.value = self.angle.value
+
+    def _rotation(self, angle: Expr) -> Expr:
+        """Return the rotation matrix of an angle (Rodrigues in 3D)."""
+        c, s = ufl.cos(angle), ufl.sin(angle)
+        if len(self._center) == 2:
+            return ufl.as_matrix([[c, -s], [s, c]])
+        a = ufl.as_vector(self._axis.tolist())
+        cross = ufl.as_matrix([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+        return c * ufl.Identity(3) + s * cross + (1.0 - c) * ufl.outer(a, a)

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: MIT
+"""How a step is solved."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from .errors import ContactInputError
+from .laws import NORMAL_ROWS
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """How a step is solved; the defaults need no tuning.
+
+    Attributes:
+        corrector: ``"projection"``: natural map from the stick state; ``"ramp"``: the paper's
+            slip rows with ``xi`` ramped to 0, then the natural map as polish.
+        tolerance: Relative tolerance of the certificate.
+        predictor_iterations: Newton iterations of the stick predictor; it need not converge.
+        smoothing: ``eps`` of the predictor relative to the expected traction.
+        ramp_nodes: ``"violated"``: slip rows only where the stick force leaves the cone;
+            ``"all"``: at all nodes, as printed in the paper.
+        ramp_sign: Sign of the stick direction in eq. (12), see
+            :func:`fenicsx_friction.laws.blended_slip`.
+        normal: Normal complementarity function, ``"chen-mangasarian"`` (the paper's),
+            ``"fischer-burmeister"`` or ``"min"``.
+        raise_on_uncertified: Raise :class:`~fenicsx_friction.errors.StepFailed`, or else return
+            the report with ``certified == False``. The state is the last accepted one either way.
+    """
+
+    corrector: Literal["projection", "ramp"] = "projection"
+    tolerance: float = 1e-9
+    predictor_iterations: int = 1
+    smoothing: float = 1e-2
+    ramp_nodes: Literal["violated", "all"] = "violated"
+    ramp_sign: Literal[-1, 1] = -1
+    normal: Literal["chen-mangasarian", "fischer-burmeister", "min"] = "chen-mangasarian"
+    raise_on_uncertified: bool = True
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        choices = {
+            "corrector": (self.corrector, ("projection", "ramp")),
+            "ramp_nodes": (self.ramp_nodes, ("violated", "all")),
+            "ramp_sign": (self.ramp_sign, (-1, 1)),
+            "normal": (self.normal, tuple(NORMAL_ROWS)),
+        }
+        for name, (value, allowed) in choices.items():
+            if value not in allowed:
+                raise ContactInputError(f"{name} = {value!r} must be one of {allowed}.")
+        if not 0.0 < self.tolerance < 1.0:
+            raise ContactInputError(f"tolerance = {self.tolerance} must lie in (0, 1).")
+        if self.predictor_iterations < 1 or self.smoothing < 0.0:
+            raise ContactInputError("predictor_iterations must be >= 1 and smoothing >= 0.")
