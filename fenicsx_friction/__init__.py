@@ -15,6 +15,7 @@ from .friction import (
 )
 from .motion import RigidMotion
 from .obstacles import ImplicitObstacle, RigidCylinder, RigidObstacle, RigidPlane, RigidSphere
+from .output import ContactFields
 from .problem import FrictionalContactProblem
 from .report import ContactReport, StepReport
 from .settings import StepSettings
@@ -29,6 +30,7 @@ __all__ = [
     "STICK",
     "Certificate",
     "Contact",
+    "ContactFields",
     "ContactInputError",
     "ContactReport",
     "ContactSurface",

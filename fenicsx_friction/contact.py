@@ -37,6 +37,7 @@ class Contact:
         c_stick: Multipliers of the stick predictor, frozen for the slip corrector (Pa).
         r: The scale ``r_p`` at each node (Pa/m).
         slipping: 1 at the nodes where the corrector uses the slip rows (15), else 0.
+        slip_increment: Slip of the last accepted step (m), global vectors of the owned nodes.
         slip_scale: The length of :func:`~fenicsx_friction.laws.blended_slip` (m).
         free: 1 for the free directions of the contact frame, 0 for the prescribed ones.
         hint: Direction whose tangential part is the first tangent.
@@ -109,6 +110,10 @@ class Contact:
         self._traction = self.surface.evaluator(kin.traction(self.c))
         self._normal = self.surface.evaluator(kin.normal)
         self._slip_length = self.surface.evaluator(ufl.as_vector([kin.gap, length]))
+        way = sum((s * e for s, e in zip(self.sliding.slip, kin.tangents, strict=True)), 0 * X)
+        self._slip_vector = self.surface.evaluator(way)
+        self.slip_increment: npt.NDArray[np.floating] = np.zeros((self.surface.num_owned, len(X)))
+        self._position = self.surface.evaluator(X + u)
         self._own_row = None
         if not self.friction.certifiable:
             row = self.friction.row(slip, c_t, limit, self.r, ufl.as_ufl(0.0))
@@ -169,6 +174,10 @@ class Contact:
         """Return the owned nodes' gaps (m) and friction limits at unit pressure."""
         values = self._evaluate()
         return values[:, 0], values[:, -2]
+
+    def nodal_position(self) -> npt.NDArray[np.floating]:
+        """Return the owned nodes' current positions (m)."""
+        return self._position()
 
     def nodal_traction(self) -> npt.NDArray[np.floating]:
         """Return the owned nodes' traction vectors on the body in global axes (Pa)."""
@@ -237,8 +246,9 @@ class Contact:
     # -- from step to step ---------------------------------------------------------------------
 
     def commit(self) -> None:
-        """Add the slip of the accepted step to the path."""
+        """Keep the slip of the accepted step and add it to the path."""
         n = self.surface.num_owned
+        self.slip_increment = self._slip_vector()
         self.path.x.array[:n] += self._slip_length()[:, 1]
         self.path.x.scatter_forward()
 

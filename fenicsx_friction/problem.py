@@ -197,16 +197,18 @@ class FrictionalContactProblem:
         reports = []
         for k, state in zip(self.contacts, self.nodal_states(), strict=True):
             counts = np.bincount(state.states()[state.takes_part], minlength=3)
-            force = state.area @ k.nodal_traction()
+            forces = state.area[:, None] * k.nodal_traction()
+            force, moment = forces.sum(axis=0), _moment(k.nodal_position(), forces)
             work = -np.einsum("i,ij,ij->", state.area, state.c[:, 1:], state.slip)
-            total = self.comm.allreduce(np.array([*counts, *force, work]), MPI.SUM)
+            total = self.comm.allreduce(np.array([*counts, *force, *moment, work]), MPI.SUM)
             reports.append(
                 ContactReport(
                     name=k.surface.name,
                     open=int(total[OPEN]),
                     stick=int(total[STICK]),
                     slip=int(total[SLIP]),
-                    force=tuple(float(f) for f in total[3:-1]),
+                    force=tuple(total[3 : 3 + len(force)].tolist()),
+                    moment=tuple(total[3 + len(force) : -1].tolist()),
                     dissipation=float(total[-1]),
                 )
             )
@@ -246,6 +248,13 @@ class FrictionalContactProblem:
                 "The bulk residual has no positive stiffness at some contact node; check F, its "
                 "sign (internal minus external forces) and the initial u, or give Contact(r_p=...)."
             )
+
+
+def _moment(x: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """Return the moment of nodal forces about the origin; about ``z`` alone in 2D."""
+    if x.shape[1] == 2:
+        return np.array([np.sum(x[:, 0] * forces[:, 1] - x[:, 1] * forces[:, 0])])
+    return np.cross(x, forces).sum(axis=0)
 
 
 def assemble_owned(form: fem.Form) -> np.ndarray:

@@ -17,6 +17,7 @@ class ContactReport:
         stick: Number of sticking nodes.
         slip: Number of slipping nodes.
         force: Contact force on the body in global axes (N, per unit depth in 2D).
+        moment: Moment of the contact force about the origin (N m), about ``z`` alone in 2D.
         dissipation: Frictional work of the step (J), each node's at least zero.
     """
 
@@ -25,6 +26,7 @@ class ContactReport:
     stick: int
     slip: int
     force: tuple[float, ...]
+    moment: tuple[float, ...]
     dissipation: float
 
 
