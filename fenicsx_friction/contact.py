@@ -120,9 +120,15 @@ class Contact:
             self._own_row = self.surface.evaluator(ufl.as_vector([*row]))
 
     def _limit(self, pressure: Expr) -> Expr:
-        """Return the law's limit in contact, zero where the node is open."""
+        """Return the law's limit in contact, zero where the node is open.
+
+        Only what the limit is without pressure needs the switch: the rest vanishes with the
+        pressure and must stay smooth with it.
+        """
         H = laws.closed(self.kinematics.gap, self.c[0], self.r)
-        return H * self._scale * self.friction.limit(pressure, self.sliding)
+        adhesion = self.friction.limit(ufl.as_ufl(0.0), self.sliding)
+        limit = self.friction.limit(pressure, self.sliding) - adhesion + H * adhesion
+        return self._scale * limit
 
     # -- the rows of the three kinds of substep ------------------------------------------
 

@@ -51,8 +51,8 @@ class Attempt:
 
 #: Full Newton steps first; the others cost more and are for steep loads and high friction.
 FALLBACKS = (
+    Attempt("projection", "bt", max_it=40, predictor_iterations=4),
     Attempt("smoothing"),
-    Attempt("projection", "bt", max_it=100, predictor_iterations=4),
     Attempt("continuation"),
     Attempt("projection", "bt", r_factor=10.0, max_it=100, predictor_iterations=2),
     Attempt("ramp", "bt", max_it=60, predictor_iterations=4),

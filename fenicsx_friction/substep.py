@@ -28,6 +28,8 @@ PYTHON_ERROR = 101
 ROUNDING = 1e-8
 #: A residual that returns to this relative accuracy within 15 iterations is a cycle.
 CYCLE = 1e-6
+#: So many full Newton steps without a smaller residual are a cycle, too.
+STALLED = 8
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,11 @@ class Substep:
             return reason.CONVERGED_FNORM_ABS
         if it > 0 and norm <= ROUNDING / 1e-11 * atol and norm >= 0.5 * self._history[-2]:
             return reason.CONVERGED_SNORM_RELATIVE
+        recent, before = self._history[-STALLED:], self._history[:-STALLED]
         self._cycled = any(abs(norm - old) <= CYCLE * norm for old in self._history[-16:-2])
+        # A line search decreases the residual, if slowly; full steps should not need to wait.
+        full_steps = snes.getLineSearch().getType() == PETSc.SNESLineSearch.Type.BASIC
+        self._cycled |= full_steps and len(before) > 2 and min(recent) > 0.9 * min(before)
         if self._cycled or it >= max_it:
             return reason.DIVERGED_MAX_IT
         return reason.ITERATING
