@@ -94,6 +94,7 @@ class Certificate:
         equilibrium: Largest nodal residual force on the free dofs (N, per unit depth in 2D).
         rounding: Force (N) that rounding hides at displacements of this size; what it hides is not
             certified. Large where a body is not held.
+        boundary: Largest distance from a prescribed value, relative to the largest value.
         traction_scale: The traction (Pa) that makes the maps relative.
         force_scale: The force (N) that makes equilibrium relative.
         tolerance: Relative tolerance of :attr:`certified`.
@@ -110,6 +111,7 @@ class Certificate:
     alignment: float
     equilibrium: float
     rounding: float
+    boundary: float
     traction_scale: float
     force_scale: float
     tolerance: float
@@ -123,10 +125,10 @@ class Certificate:
 
     @property
     def relative(self) -> float:
-        """The worst of natural map, equilibrium and rounding, relative."""
+        """The worst of natural map, equilibrium, rounding and boundary values, relative."""
         # np.max hands NaN on, max() may not.
         force = float(np.max([self.equilibrium, self.rounding]))
-        return float(np.max([self.natural_map, _ratio(force, self.force_scale)]))
+        return float(np.max([self.natural_map, _ratio(force, self.force_scale), self.boundary]))
 
     @property
     def solved(self) -> bool:
@@ -151,6 +153,7 @@ def certify(
     equilibrium: float,
     force_scale: float,
     rounding: float,
+    boundary: float,
     tolerance: float,
 ) -> Certificate:
     """Certify a state; collective.
@@ -161,6 +164,7 @@ def certify(
         equilibrium: Largest residual force on the free dofs (N), equal on all ranks.
         force_scale: Largest force of the state (N): contact, reaction or load.
         rounding: Force (N) that rounding hides, equal on all ranks.
+        boundary: Relative distance from prescribed values, equal on all ranks.
         tolerance: Relative tolerance.
 
     Returns:
@@ -195,6 +199,7 @@ def certify(
         **values,
         equilibrium=equilibrium,
         rounding=rounding,
+        boundary=boundary,
         traction_scale=scale,
         force_scale=force_scale,
         tolerance=tolerance,

@@ -189,8 +189,24 @@ class FrictionalContactProblem:
             equilibrium=self.comm.allreduce(np.max(force[free], initial=0.0), MPI.MAX),
             force_scale=self.comm.allreduce(largest, MPI.MAX),
             rounding=float(np.finfo(float).eps) * self.stiffness_force(),
+            boundary=self._missed_boundary_values(),
             tolerance=self.settings.tolerance,
         )
+
+    def _missed_boundary_values(self) -> float:
+        """Return how far the unknowns are from their Dirichlet values, relative."""
+        worst = 0.0
+        for f in self.unknowns:
+            values = f.x.array.copy()
+            for bc in self.bcs:
+                if bc_space_contains(f.function_space, bc):
+                    bc.set(values)
+            # Not a number on one rank is infinite on all.
+            local = [np.max(abs(a), initial=0.0) for a in (values - f.x.array, values)]
+            local = np.nan_to_num(local, nan=np.inf)
+            missed, largest = (self.comm.allreduce(float(a), MPI.MAX) for a in local)
+            worst = max(worst, missed / largest if 0.0 < largest < np.inf else missed)
+        return worst
 
     def contact_reports(self) -> tuple[ContactReport, ...]:
         """Total the nodal values of each contact over all ranks."""

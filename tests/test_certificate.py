@@ -32,7 +32,13 @@ def at_pressure(state: NodalState) -> NodalState:
 
 
 def certificate(state: NodalState, **options):
-    options = {"equilibrium": 0.0, "force_scale": 1.0, "rounding": 0.0, "tolerance": 1e-9} | options
+    options = {
+        "equilibrium": 0.0,
+        "force_scale": 1.0,
+        "rounding": 0.0,
+        "boundary": 0.0,
+        "tolerance": 1e-9,
+    } | options
     return certify(MPI.COMM_SELF, [state], **options)
 
 
@@ -87,6 +93,11 @@ def test_nan_is_never_certified(field):
 def test_equilibrium_is_part_of_the_certificate():
     assert certificate(solved(), equilibrium=1e-10, force_scale=1.0).certified
     assert not certificate(solved(), equilibrium=1e-8, force_scale=1.0).certified
+
+
+def test_missed_boundary_values_are_not_certified():
+    assert not certificate(solved(), boundary=1e-8).certified
+    assert not certificate(solved(), boundary=float("inf")).certified
 
 
 def test_displacements_out_of_bounds_are_not_certified():

@@ -176,3 +176,14 @@ def test_jacobian_equals_finite_differences(name):
     difference = (ends[0] - ends[1]) / (2 * h)
     assert difference == pytest.approx(exact.array, abs=1e-6 * np.max(np.abs(exact.array)))
     assert gathered(problem)[0].shape == (len(state.gap), 3)
+
+
+@pytest.mark.mpi
+def test_a_state_that_misses_its_boundary_values_is_refused():
+    """The old state is in equilibrium and fulfils the law, but the top has not moved."""
+    model = block("hexahedron", 0.3, "missed_")
+    model.move(0, 0, -0.01)
+    model.problem.solve()
+    assert model.problem.certify().certified
+    model.move(0, 0, -0.02)
+    assert not model.problem.certify().certified
