@@ -4,7 +4,9 @@
 from . import bulk, laws
 from .certificate import OPEN, SLIP, STICK, Certificate
 from .contact import Contact
+from .energy import EnergyAudit
 from .errors import ContactInputError, StepFailed
+from .events import Event, EventLog
 from .friction import (
     Coulomb,
     FrictionLaw,
@@ -17,8 +19,9 @@ from .motion import RigidMotion
 from .obstacles import ImplicitObstacle, RigidCylinder, RigidObstacle, RigidPlane, RigidSphere
 from .output import ContactFields
 from .problem import FrictionalContactProblem
-from .report import ContactReport, StepReport
+from .report import ContactReport, FailedAttempt, StepRecord, StepReport
 from .settings import StepSettings
+from .stepper import LoadStepper, StepperFailed
 from .substep import SubstepReport
 from .surface import ContactSurface
 
@@ -35,10 +38,15 @@ __all__ = [
     "ContactReport",
     "ContactSurface",
     "Coulomb",
+    "EnergyAudit",
+    "Event",
+    "EventLog",
+    "FailedAttempt",
     "FrictionLaw",
     "FrictionalContactProblem",
     "Frictionless",
     "ImplicitObstacle",
+    "LoadStepper",
     "OrthotropicCoulomb",
     "PermanentStick",
     "RigidCylinder",
@@ -48,8 +56,10 @@ __all__ = [
     "RigidSphere",
     "Sliding",
     "StepFailed",
+    "StepRecord",
     "StepReport",
     "StepSettings",
+    "StepperFailed",
     "SubstepReport",
     "bulk",
     "laws",

@@ -4,6 +4,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
 from ufl.core.expr import Expr
@@ -65,6 +66,20 @@ class RigidMotion:
         """Make the present position that of the last accepted step."""
         self._old_translation.value = self.translation.value
         self._old_angle.value = self.angle.value
+
+    def save(self) -> list[npt.NDArray[np.floating]]:
+        """Copy the position, present and of the last accepted step."""
+        return [constant.value.copy() for constant in self._constants]
+
+    def restore(self, position: list[npt.NDArray[np.floating]]) -> None:
+        """Put a saved position back."""
+        for constant, value in zip(self._constants, position, strict=True):
+            constant.value = value
+
+    @property
+    def _constants(self) -> tuple[fem.Constant, ...]:
+        """All that describes the position."""
+        return self.translation, self._old_translation, self.angle, self._old_angle
 
     def _rotation(self, angle: Expr) -> Expr:
         """Return the rotation matrix of an angle (Rodrigues in 3D)."""

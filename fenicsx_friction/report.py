@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: MIT
 """What a step reports."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from .certificate import Certificate
 from .substep import SubstepReport
+
+if TYPE_CHECKING:
+    from .energy import EnergyBalance
+    from .events import Event
 
 
 @dataclass(frozen=True)
@@ -57,3 +64,42 @@ class StepReport:
     def certified(self) -> bool:
         """Whether the state solves the unsmoothed law to the tolerance."""
         return self.certificate.certified
+
+
+@dataclass(frozen=True)
+class FailedAttempt:
+    """A step that was tried and not accepted.
+
+    Attributes:
+        time: Where it should have ended.
+        step: Its size.
+        reason: The first words of what was wrong.
+    """
+
+    time: float
+    step: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class StepRecord:
+    """An accepted step; the problem is in the state at its end.
+
+    Attributes:
+        time: Where the step ended.
+        step: Its size.
+        report: The report of the problem.
+        energy: Its energy balance, or ``None`` without an audit.
+        events: The nodes that changed state, by contact and node.
+        error: Relative step-doubling error of the tractions, of the pair of half steps this is
+            one of, or ``None`` without error control.
+        failed: The larger steps that were tried in vain before.
+    """
+
+    time: float
+    step: float
+    report: StepReport
+    energy: EnergyBalance | None
+    events: list[Event]
+    error: float | None = None
+    failed: tuple[FailedAttempt, ...] = ()

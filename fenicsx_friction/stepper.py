@@ -1,0 +1,378 @@
+# SPDX-License-Identifier: MIT
+"""Load stepping: adaptive, transactional, with error control, audit and event log."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from .diagnosis import SMALLER_STEP, NodeWatch
+from .energy import EnergyAudit
+from .errors import ContactInputError, StepFailed
+from .events import EventLog, find_events
+from .problem import FrictionalContactProblem
+from .report import FailedAttempt, StepRecord, StepReport
+from .state import ProblemSnapshot
+
+#: Factors of the step after a failure and after an easy step.
+CUT, GROW = 0.5, 1.5
+#: Bounds of the factor that the step-doubling error asks for, and its safety.
+SHRINK_MOST, GROW_MOST, SAFETY = 0.1, 2.0, 0.9
+#: A step that would leave less than this fraction of itself to a stop goes to the stop.
+SLIVER = 1e-6
+#: The smallest step by default, as a fraction of the first.
+SMALLEST = 1e-3
+
+FAILURE_ADVICE = (
+    "Smaller steps did not help. Where a body snaps or loses its hold there is no solution nearby: "
+    "prescribe displacements there instead of forces, or hold the body. Where nodes cycle, refine "
+    "the surface, lower mu (above about 3 there may be several solutions or none) or try "
+    'StepSettings(corrector="ramp").'
+)
+INACCURATE_ADVICE = (
+    "Tractions that jump do so in any step: allow a larger error, or a smaller smallest step."
+)
+
+
+class StepperFailed(StepFailed):
+    """No step down to the smallest was accepted; the problem is at the last accepted one.
+
+    Attributes:
+        time: Where the last accepted step ended.
+        failed: All attempts at the next one.
+    """
+
+    def __init__(
+        self, message: str, report: object, time: float, failed: tuple[FailedAttempt, ...]
+    ) -> None:
+        super().__init__(message, report)
+        self.time, self.failed = time, failed
+
+
+class _Inaccurate(StepFailed):
+    """The step-doubling error is beyond the tolerance."""
+
+    def __init__(self, error: float, tolerance: float, report: object) -> None:
+        super().__init__(
+            f"The tractions of one step and of two half steps differ by {error:.2e}, relative "
+            f"(tolerance {tolerance:.0e}).",
+            report,
+        )
+        self.factor = _error_factor(error, tolerance, CUT)
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """A solved step that is not handed out yet."""
+
+    time: float
+    step: float
+    report: StepReport
+    state: ProblemSnapshot | None = None
+    error: float | None = None
+    failed: tuple[FailedAttempt, ...] = ()
+
+
+class LoadStepper:
+    """Takes a problem along a path of loads, step by step.
+
+    Iterating makes steps; the loop may stop and be taken up again::
+
+        for record in LoadStepper(problem, loads, end=1.0, step=0.1):
+            print(record.time, record.report.iterations)
+
+    A step is cut when it fails or is not certified, and grows after easy ones. Nothing of a
+    rejected step remains: loads are set back by ``loads(time)``, all else bit for bit.
+
+    Args:
+        problem: The problem, in its state at ``start``.
+        loads: Sets loads, boundary values and motions to those of a time, a function of nothing
+            else. Time is pseudo-time unless a law depends on rates (``problem.dt``, s).
+        end: Where the path ends.
+        start: Where it starts.
+        step: Size of the first step.
+        smallest: Smallest step to be tried after a cut; a thousandth of ``step`` by default.
+        largest: Largest step; by default ``step``, and with ``error`` the whole path.
+        stops: Times that steps must end at exactly, beside ``end``.
+        error: Control by step doubling: each step is made once whole and once in two halves, whose
+            tractions may differ by this much, relative to the largest of the step. The halves are
+            accepted.
+        easy: Newton iterations of an easy step.
+        history: Functions of the user that steps change, to be put back with a rejected step.
+        update: Called after each solved step, rejected ones included, to change ``history``.
+        audit: Audits each accepted step.
+        events: File for the events, see :class:`~fenicsx_friction.events.EventLog`.
+        progress: Show the progress on a terminal.
+
+    Attributes:
+        time: Where the last accepted step ended.
+        next_step: Size of the next step, stops aside.
+    """
+
+    def __init__(
+        self,
+        problem: FrictionalContactProblem,
+        loads: Callable[[float], None],
+        *,
+        end: float,
+        start: float = 0.0,
+        step: float,
+        smallest: float | None = None,
+        largest: float | None = None,
+        stops: Sequence[float] = (),
+        error: float | None = None,
+        easy: int = 12,
+        history: Sequence[fem.Function] = (),
+        update: Callable[[], None] | None = None,
+        audit: EnergyAudit | None = None,
+        events: str | Path | None = None,
+        progress: bool = True,
+    ) -> None:
+        self.problem, self.loads, self.time, self.end = problem, loads, start, end
+        self.smallest = SMALLEST * step if smallest is None else smallest
+        self.largest = (step if error is None else end - start) if largest is None else largest
+        self.next_step, self.error, self.easy = step, error, easy
+        self._check(stops)
+        self._stops = [*sorted({t for t in stops if t < end}), end]
+        self._history, self._update, self._audit = history, update, audit
+        self._log = None if events is None else EventLog(events, problem)
+        self._watch = NodeWatch(problem)
+        self._solved: list[_Solved] = []
+        self._console, self._start = Console(), start
+        self._shown = progress and problem.comm.rank == 0 and self._console.is_terminal
+
+    def __iter__(self) -> Iterator[StepRecord]:
+        """Make steps up to the end and hand out their records."""
+        with self._display() as show:
+            while self._solved or self.time < self.end:
+                if not self._solved:
+                    self._solved = self._solve()
+                record = self._accept(self._solved.pop(0))
+                show(record)
+                yield record
+
+    def run(self) -> list[StepRecord]:
+        """Make all steps and return their records."""
+        return list(self)
+
+    # -- one step of the path ----------------------------------------------------------------
+
+    def _solve(self) -> list[_Solved]:
+        """Try ever smaller steps; return the solved one, or its halves."""
+        last = ProblemSnapshot(self.problem, self._history)
+        self._before = self.problem.accepted
+        failed: tuple[FailedAttempt, ...] = ()
+        while True:
+            goal = self._goal()
+            step = goal - self.time
+            try:
+                solved = self._attempt(goal, last)
+            except StepFailed as failure:
+                failed += (FailedAttempt(goal, step, str(failure).split(";")[0]),)
+                self._go_back(last)
+                self._cut(step, failure, failed)
+            except BaseException:
+                self._go_back(last)
+                raise
+            else:
+                self._adapt(solved, step, cut=bool(failed))
+                return [replace(solved[0], failed=failed), *solved[1:]]
+
+    def _goal(self) -> float:
+        """Return where the next step ends: at the next stop, if it reaches so far."""
+        stop = next(t for t in self._stops if t > self.time)
+        return (
+            stop
+            if stop - self.time <= self.next_step * (1.0 + SLIVER)
+            else (self.time + self.next_step)
+        )
+
+    def _attempt(self, goal: float, last: ProblemSnapshot) -> list[_Solved]:
+        """Solve the step to ``goal``; with error control in two ways, and return its halves."""
+        before = self._tractions() if self.error else []
+        whole = self._advance(self.time, goal)
+        if self.error is None:
+            return [whole]
+        tractions = [before, self._tractions()]
+        last.restore()
+        halves = []
+        for begin, end in pairwise((self.time, (self.time + goal) / 2.0, goal)):
+            half = self._advance(begin, end)
+            halves.append(replace(half, state=ProblemSnapshot(self.problem, self._history)))
+            tractions.append(self._tractions())
+        error = self._relative_error(*tractions)
+        if error > self.error:
+            raise _Inaccurate(error, self.error, halves[-1].report)
+        return [replace(half, error=error) for half in halves]
+
+    def _advance(self, begin: float, end: float) -> _Solved:
+        """Set the loads of ``end`` and solve."""
+        problem = self.problem
+        self._apply(end)
+        problem.dt.value = np.asarray(end - begin)
+        settings = problem.settings
+        problem.settings = replace(settings, raise_on_uncertified=True)
+        try:
+            with self._watch.watching():
+                report = problem.solve()
+        finally:
+            problem.settings = settings
+        if self._update is not None:
+            self._update()
+        return _Solved(end, end - begin, report)
+
+    def _accept(self, solved: _Solved) -> StepRecord:
+        """Put the problem at the end of a solved step, audit it and log its events."""
+        if solved.state is not None:
+            solved.state.restore()
+            self._apply(solved.time)
+        self.time = solved.time
+        energy = None if self._audit is None else self._audit.update()
+        events = find_events(self.problem, self._before)
+        self._before = self.problem.accepted
+        if self._log is not None:
+            self._log.write(events)
+        return StepRecord(
+            solved.time, solved.step, solved.report, energy, events, solved.error, solved.failed
+        )
+
+    def _apply(self, time: float) -> None:
+        """Set the loads; an exception on one rank is one on all."""
+        failure = None
+        try:
+            self.loads(time)
+        except Exception as error:
+            failure = error
+        messages = self.problem.comm.allgather(failure and repr(failure))
+        if failure is not None:
+            raise failure
+        if any(messages):
+            message = next(m for m in messages if m)
+            raise RuntimeError(f"loads({time}) failed on another rank: {message}")
+
+    def _go_back(self, last: ProblemSnapshot) -> None:
+        """Set everything back to the last accepted step; not collective but for the loads."""
+        try:
+            self.loads(self.time)
+        finally:
+            last.restore()
+
+    # -- how large a step --------------------------------------------------------------------
+
+    def _cut(self, step: float, failure: StepFailed, failed: tuple[FailedAttempt, ...]) -> None:
+        """Make the next step smaller, or give up."""
+        factor = failure.factor if isinstance(failure, _Inaccurate) else CUT
+        self.next_step = max(step * factor, self.smallest)
+        if step <= self.smallest * (1.0 + SLIVER):
+            message = "\n".join(self._explain(failure, failed))
+            raise StepperFailed(message, failure.report, self.time, failed) from failure
+
+    def _adapt(self, solved: Sequence[_Solved], step: float, *, cut: bool) -> None:
+        """Choose the next step after a solved one: larger after an easy one that was not cut."""
+        easy = not cut and all(s.report.iterations <= self.easy for s in solved)
+        factor = GROW if easy else 1.0
+        if self.error is not None and solved[0].error is not None:
+            factor = _error_factor(solved[0].error, self.error, GROW_MOST if easy else 1.0)
+        if step > self.next_step * (1.0 - SLIVER) or factor < 1.0:  # a stop may have cut it short
+            self.next_step = min(max(step * factor, self.smallest), self.largest)
+
+    def _tractions(self) -> list[npt.NDArray[np.floating]]:
+        """Return the traction vectors of this rank's nodes in global axes (Pa)."""
+        return [k.nodal_traction() for k in self.problem.contacts]
+
+    def _relative_error(self, *states: list[npt.NDArray[np.floating]]) -> float:
+        """Compare the tractions of the whole step with those of two halves; collective.
+
+        Args:
+            states: Tractions at the start, after the whole step, after one half and after two.
+        """
+        _, whole, _, halves = states
+        values = [t for state in states for t in state]
+        difference = [a - b for a, b in zip(whole, halves, strict=True)]
+        local = [_longest(difference), _longest(values)]
+        error, scale = _largest(self.problem.comm, local)
+        return error / scale if scale > 0.0 else 0.0
+
+    # -- set-up, messages, display -------------------------------------------------------------
+
+    def _check(self, stops: Sequence[float]) -> None:
+        """Refuse sizes and times that make no path."""
+        if not (np.isfinite([self.time, self.end]).all() and self.time < self.end):
+            raise ContactInputError(
+                f"The path must go from start = {self.time} up, not {self.end}."
+            )
+        if not 0.0 < self.smallest <= self.next_step <= self.largest:
+            raise ContactInputError(
+                f"Steps need 0 < smallest <= step <= largest, not {self.smallest}, "
+                f"{self.next_step}, {self.largest}."
+            )
+        if outside := [t for t in stops if not self.time < t <= self.end]:
+            raise ContactInputError(f"The stops {outside} are not in ({self.time}, {self.end}].")
+        if self.error is not None and not 0.0 < self.error < float("inf"):
+            raise ContactInputError(f"error = {self.error} must be positive and finite.")
+
+    def _explain(self, failure: StepFailed, failed: Sequence[FailedAttempt]) -> list[str]:
+        """Say what was tried, what went wrong and what to do; collective."""
+        inaccurate = isinstance(failure, _Inaccurate)
+        return [
+            f"No step from time {self.time:.10g} was accepted, down to {failed[-1].step:.3g} "
+            f"(smallest = {self.smallest:.3g}). The problem is at its last accepted step, "
+            f"{self.problem.num_steps}; loads were set back.",
+            "Tried: " + "; ".join(f"step {f.step:.3g}: {f.reason}" for f in failed),
+            *([] if inaccurate else self._watch.lines()),
+            "The last attempt:",
+            *(f"  {line}" for line in str(failure).splitlines() if line != SMALLER_STEP),
+            INACCURATE_ADVICE if inaccurate else FAILURE_ADVICE,
+        ]
+
+    @contextmanager
+    def _display(self) -> Iterator[Callable[[StepRecord], None]]:
+        """Show a progress bar on the terminal of rank 0; hand out what updates it."""
+        columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
+        bar = Progress(
+            *columns, TimeElapsedColumn(), console=self._console, disable=not self._shown
+        )
+        task = bar.add_task("first step", total=self.end - self._start)
+
+        def show(record: StepRecord) -> None:
+            """Tell how the step went."""
+            states = np.sum([[k.open, k.stick, k.slip] for k in record.report.contacts], axis=0)
+            bar.update(
+                task,
+                completed=record.time - self._start,
+                description=f"step {record.report.step} to {record.time:.4g}: {record.step:.2g} in "
+                f"{record.report.iterations} it., open/stick/slip {'/'.join(map(str, states))}",
+            )
+
+        with bar:
+            yield show
+
+
+def _error_factor(error: float, tolerance: float, most: float) -> float:
+    """Return the factor of the step that a step-doubling error, of second order in it, allows."""
+    if error <= 0.0:
+        return most
+    return float(np.clip(SAFETY * np.sqrt(tolerance / error), SHRINK_MOST, most))
+
+
+def _largest(comm: MPI.Intracomm, values: npt.ArrayLike) -> list[float]:
+    """Return the largest of each value over the ranks; collective."""
+    largest = np.array(values, dtype=float)
+    comm.Allreduce(MPI.IN_PLACE, largest, MPI.MAX)
+    return list(largest.tolist())
+
+
+def _longest(vectors: Sequence[npt.NDArray[np.floating]]) -> float:
+    """Return the length of the longest row of the arrays."""
+    return max(
+        (float(np.max(np.linalg.norm(v, axis=1), initial=0.0)) for v in vectors), default=0.0
+    )
