@@ -3,6 +3,7 @@
 
 from . import bulk, laws
 from .certificate import OPEN, SLIP, STICK, Certificate
+from .checkpoint import CheckpointError, read_checkpoint, write_checkpoint
 from .contact import Contact
 from .energy import EnergyAudit
 from .errors import ContactInputError, StepFailed
@@ -15,6 +16,7 @@ from .friction import (
     PermanentStick,
     Sliding,
 )
+from .jacobian import JacobianReport, check_jacobian
 from .motion import RigidMotion
 from .obstacles import ImplicitObstacle, RigidCylinder, RigidObstacle, RigidPlane, RigidSphere
 from .output import ContactFields
@@ -32,6 +34,7 @@ __all__ = [
     "SLIP",
     "STICK",
     "Certificate",
+    "CheckpointError",
     "Contact",
     "ContactFields",
     "ContactInputError",
@@ -46,6 +49,7 @@ __all__ = [
     "FrictionalContactProblem",
     "Frictionless",
     "ImplicitObstacle",
+    "JacobianReport",
     "LoadStepper",
     "OrthotropicCoulomb",
     "PermanentStick",
@@ -62,5 +66,8 @@ __all__ = [
     "StepperFailed",
     "SubstepReport",
     "bulk",
+    "check_jacobian",
     "laws",
+    "read_checkpoint",
+    "write_checkpoint",
 ]

@@ -60,7 +60,8 @@ class NodalState:
         """Return the natural-map residuals ``R_n`` and ``|R_t|`` of each node (Pa)."""
         normal = self.c[:, 0] - np.maximum(self.c[:, 0] - self.r * self.gap, 0.0)
         length = np.linalg.norm(self.trial, axis=1)
-        shrink = np.minimum(1.0, self.limit / np.where(length > 0.0, length, 1.0))
+        outside = length > self.limit
+        shrink = np.divide(self.limit, length, out=np.ones_like(length), where=outside)
         tangential = self.c[:, 1:] - shrink[:, None] * self.trial
         part = self.takes_part
         size = np.linalg.norm(tangential, axis=1) if self.own_map is None else self.own_map

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """One contact: a surface of the body, a rigid obstacle and a friction law."""
 
+import copy
+
 from mpi4py import MPI
 
 import numpy as np
@@ -10,7 +12,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from . import frame, laws
-from .certificate import NodalState
+from .certificate import OPEN, NodalState
 from .compat import bc_space_contains, unrolled_bc_dofs
 from .errors import ContactInputError
 from .friction import FrictionLaw, Sliding
@@ -33,7 +35,7 @@ class Contact:
 
     Attributes:
         c: Multipliers ``(c_n, c_1[, c_2])``, tractions on the body in the contact frame (Pa).
-        path: Accumulated length of slip up to the last accepted step (m).
+        path: Length slid in contact up to the last accepted step (m).
         c_stick: Multipliers of the stick predictor, frozen for the slip corrector (Pa).
         r: The scale ``r_p`` at each node (Pa/m).
         slipping: 1 at the nodes where the corrector uses the slip rows (15), else 0.
@@ -53,6 +55,10 @@ class Contact:
     ) -> None:
         if r_p is not None and not 0.0 < r_p < float("inf"):
             raise ContactInputError(f"r_p = {r_p} must be positive and finite (Pa/m).")
+        # Contacts of one surface need spaces of their own: conditions go by space, and what one
+        # contact pins would be pinned in all.
+        surface = copy.copy(surface)
+        surface.Q = surface.Q.clone()
         self.surface, self.obstacle, self.friction, self._r_p = surface, obstacle, friction, r_p
         Q, S = surface.Q, surface.S
         self.c = fem.Function(Q, name="contact_traction")
@@ -252,10 +258,11 @@ class Contact:
     # -- from step to step ---------------------------------------------------------------------
 
     def commit(self) -> None:
-        """Keep the slip of the accepted step and add it to the path."""
+        """Keep the slip of the accepted step and add that of nodes in contact to the path."""
         n = self.surface.num_owned
         self.slip_increment = self._slip_vector()
-        self.path.x.array[:n] += self._slip_length()[:, 1]
+        closed = self.nodal().states() != OPEN
+        self.path.x.array[:n] += np.where(closed, self._slip_length()[:, 1], 0.0)
         self.path.x.scatter_forward()
 
     def refresh_frames(self) -> None:

@@ -22,7 +22,7 @@ class Sliding(NamedTuple):
 
     Attributes:
         slip: Slip increment of the step (m) in the contact frame.
-        path: Accumulated length of slip (m), this step included.
+        path: Length slid in contact (m), this step included.
         rate: Slip rate ``|slip| / dt`` (m/s).
         tangents: Unit tangents of the frame, global vectors.
         x: Current position (m).
@@ -87,7 +87,8 @@ Mu = float | Expr | Callable[[Expr, Sliding], Expr]
 class Coulomb(FrictionLaw):
     """Coulomb's law, ``limit = mu * pressure``, eq. (2), with optional adhesion and cap.
 
-    ``limit = min(adhesion + mu * pressure, cap)``: with ``mu = 0`` and a cap it is Tresca's law.
+    ``limit = min(adhesion + mu * pressure, cap)``: with ``mu = 0`` and an adhesion it is Tresca's
+    law (a cap alone would cap zero).
 
     Attributes:
         mu: Friction coefficient: a number, ``fem.Constant``, ``fem.Function`` on the mesh or on

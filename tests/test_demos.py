@@ -94,3 +94,10 @@ def test_the_example_of_the_readme_runs(tmp_path):
     assert len(lines) == 4
     assert lines[0].startswith("stick")
     assert "stick  0, slip 63" in lines[2]  # dragged: everything slips
+
+
+def test_custom_friction_law_quick_matches_its_closed_form(tmp_path):
+    done = run(DEMOS / "demo_custom_friction_law.py", "--quick", "--output", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert list(tmp_path.glob("*.png"))
+    assert "not certif" in done.stdout.lower() or "certifiable" in done.stdout.lower()
