@@ -157,8 +157,9 @@ def main() -> int:
         )
     failed = [outcome.seed for outcome in outcomes if not outcome.passed]
     print(
-        f"{len(outcomes) - len(failed)} of {len(outcomes)} passed, {sum(o.steps for o in outcomes)} "
-        f"steps, largest difference {max(o.difference for o in outcomes):.1e}, other solutions in "
+        f"{len(outcomes) - len(failed)} of {len(outcomes)} passed, "
+        f"{sum(o.steps for o in outcomes)} steps, largest difference "
+        f"{max(o.difference for o in outcomes):.1e}, other solutions in "
         f"{sum(o.other_solutions for o in outcomes)}; failed seeds: {failed or 'none'}"
     )
     return min(len(failed), 1)
