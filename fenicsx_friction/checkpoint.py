@@ -168,7 +168,7 @@ class _Content:
             self.description[f"nodes of contact {k}"] = order.fingerprint
 
     def arrays(self) -> dict[str, tuple["Numbering", Array]]:
-        """Return this rank's values, one row an owned dof, with their numberings."""
+        """Return this rank's values, one row an owned dof, with their orders."""
         entries = {name: (order, _rows(f)) for name, (order, f) in self.functions.items()}
         for k, state in enumerate(self._problem.accepted):
             nodal = {f.name: getattr(state, f.name) for f in fields(NodalState)}
@@ -409,10 +409,9 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
         part.unlink(missing_ok=True)
         raise
     folder = os.open(path.parent, os.O_RDONLY)
-    try:
+    with contextlib.suppress(OSError):  # some file systems cannot, and need not
         os.fsync(folder)
-    finally:
-        os.close(folder)
+    os.close(folder)
 
 
 def _hdf5(file: BinaryIO, mode: str, **options: int) -> Any:

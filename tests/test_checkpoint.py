@@ -19,7 +19,8 @@ from fenicsx_friction.checkpoint import CheckpointError, read_checkpoint, write_
 from models import gathered
 from restart_run import RUNS, STEPS, bare, painted, square
 
-SCRIPT = Path(__file__).with_name("restart_run.py")
+#: With mpi4py, an exception on one rank ends all.
+PYTHON = (sys.executable, "-m", "mpi4py", Path(__file__).with_name("restart_run.py"))
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
 VECTOR = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
 
@@ -188,7 +189,7 @@ def run(*command):
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
 def test_written_on_n_ranks_read_on_m(tmp_path):
     """N and M of 1 to 3; P1, P2, DG, mixed, quadrature; four cells; coincident bodies."""
-    output = run("mpirun", "-n", 3, sys.executable, SCRIPT, "ranks", tmp_path)
+    output = run("mpirun", "-n", 3, *PYTHON, "ranks", tmp_path)
     assert output.count("ok") == 5 * 9
 
 
@@ -196,7 +197,7 @@ def test_written_on_n_ranks_read_on_m(tmp_path):
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
 @pytest.mark.parametrize("name", RUNS)
 def test_serial_run_resumed_on_two_ranks(name, folder, uninterrupted):
-    run("mpirun", "-n", 2, sys.executable, SCRIPT, "resume", folder, name)
+    run("mpirun", "-n", 2, *PYTHON, "resume", folder, name)
     states, _, expected, (problem, _) = uninterrupted[name]
     with np.load(folder / f"{name}-2.npz") as found:
         assert close([found[key] for key in "xcu"], expected, 1e-8)
@@ -206,7 +207,7 @@ def test_serial_run_resumed_on_two_ranks(name, folder, uninterrupted):
 
 @serial
 def test_killed_writers_leave_a_complete_file(tmp_path):
-    output = run(sys.executable, SCRIPT, "kill", tmp_path)
+    output = run(*PYTHON, "kill", tmp_path)
     assert "killed during writing" in output
 
 
