@@ -19,6 +19,8 @@ from fenicsx_friction.checkpoint import CheckpointError, read_checkpoint, write_
 from models import gathered
 from restart_run import RUNS, STEPS, bare, painted, square
 
+#: How close runs are that should be the same: MUMPS on several ranks does not repeat itself.
+SAME = 1e-12 if MPI.COMM_WORLD.size == 1 else 1e-9
 #: With mpi4py, an exception on one rank ends all.
 PYTHON = (sys.executable, "-m", "mpi4py", Path(__file__).with_name("restart_run.py"))
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
@@ -83,9 +85,9 @@ def test_resumed_run_equals_the_uninterrupted_one(name, folder, uninterrupted):
         for k in range(stop, STEPS + 1):
             if k > stop:
                 assert step(k).contacts[0].dissipation == pytest.approx(
-                    reports[k].contacts[0].dissipation, rel=1e-11, abs=1e-18
+                    reports[k].contacts[0].dissipation, rel=10 * SAME, abs=1e-18
                 )
-            assert close(history(problem), states[k], 0.0 if k == stop else 1e-12)
+            assert close(history(problem), states[k], 0.0 if k == stop else SAME)
     assert problem.num_steps == STEPS
 
 
