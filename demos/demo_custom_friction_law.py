@@ -37,7 +37,6 @@ from dolfinx import fem, mesh
 from scipy.optimize import brentq
 
 import fenicsx_friction as ff
-from fenicsx_friction.jacobian import check_jacobian
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -182,7 +181,7 @@ def oil_column(path: np.ndarray, dt: float) -> np.ndarray:
 
 def tell(name: str, report: ff.StepReport, pad: Pad, error: float) -> None:
     """Print what is known of a run."""
-    certificate, jacobian = report.certificate, check_jacobian(pad.problem)
+    certificate, jacobian = report.certificate, ff.check_jacobian(pad.problem)
     if pad.mesh.comm.rank == 0:
         print(f"{name}: {report.step} steps, force within {100 * error:.1f} % of the closed form")
         print(

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """One kind of substep: a ``NonlinearProblem`` with a convergence test made for contact."""
 
+import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -104,7 +105,10 @@ class Substep:
                 entity_maps=list(self._entity_maps),
                 kind="mpi",
             )
-            self._problem.solver.setConvergenceTest(self._test)
+            # Weakly: in a cycle through PETSc, each rank's garbage collector would choose when to
+            # destroy the collective objects.
+            test = weakref.WeakMethod(self._test)
+            self._problem.solver.setConvergenceTest(lambda *arguments: test()(*arguments))  # type: ignore[misc]
         return self._problem
 
     def residual(self) -> PETSc.Vec:
