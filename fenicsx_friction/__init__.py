@@ -3,10 +3,10 @@
 
 from . import bulk, laws
 from .certificate import OPEN, SLIP, STICK, Certificate
-from .checkpoint import CheckpointError, read_checkpoint, write_checkpoint
+from .checkpoint import read_checkpoint, write_checkpoint
 from .contact import Contact
 from .energy import EnergyAudit
-from .errors import ContactInputError, StepFailed
+from .errors import CheckpointError, ContactInputError, StepFailed
 from .events import Event, EventLog
 from .friction import (
     Coulomb,

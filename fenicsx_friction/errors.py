@@ -16,3 +16,7 @@ class StepFailed(RuntimeError):
     def __init__(self, message: str, report: object):
         super().__init__(message)
         self.report = report
+
+
+class CheckpointError(ValueError):
+    """A checkpoint that cannot be written, or cannot be read into this problem."""

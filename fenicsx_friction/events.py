@@ -2,15 +2,14 @@
 """Events: nodes that open, stick or slip where they did not in the step before."""
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-from mpi4py import MPI
 
 import numpy as np
 
 from .certificate import OPEN, NodalState
+from .collective import on_first_rank
 from .diagnosis import STATE_NAMES
 from .problem import FrictionalContactProblem
 
@@ -85,7 +84,7 @@ class EventLog:
                 with self.path.open("w", newline="") as file:
                     csv.writer(file, lineterminator="\n").writerow(self._columns)
 
-        _on_first_rank(self._comm, start)
+        on_first_rank(self._comm, start)
 
     def write(self, events: Sequence[Event]) -> None:
         """Append events; collective."""
@@ -101,17 +100,4 @@ class EventLog:
                 writer.writerows(row[: len(self._columns)] for row in rows)
 
         if rows:
-            _on_first_rank(self._comm, append)
-
-
-def _on_first_rank(comm: MPI.Intracomm, action: Callable[[], None]) -> None:
-    """Run ``action`` on rank 0; an OSError there is raised on all ranks."""
-    error = None
-    if comm.rank == 0:
-        try:
-            action()
-        except OSError as failure:
-            error = failure
-    error = comm.bcast(error)
-    if error is not None:
-        raise error
+            on_first_rank(self._comm, append)

@@ -15,6 +15,7 @@ from dolfinx import fem
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
+from .collective import on_all_ranks
 from .diagnosis import SMALLER_STEP, NodeWatch
 from .energy import EnergyAudit
 from .errors import ContactInputError, StepFailed
@@ -247,17 +248,7 @@ class LoadStepper:
 
     def _apply(self, time: float) -> None:
         """Set the loads; an exception on one rank is one on all."""
-        failure = None
-        try:
-            self.loads(time)
-        except Exception as error:
-            failure = error
-        messages = self.problem.comm.allgather(failure and repr(failure))
-        if failure is not None:
-            raise failure
-        if any(messages):
-            message = next(m for m in messages if m)
-            raise RuntimeError(f"loads({time}) failed on another rank: {message}")
+        on_all_ranks(self.problem.comm, lambda: self.loads(time))
 
     def _go_back(self, last: ProblemSnapshot) -> None:
         """Set everything back to the last accepted step; not collective but for the loads."""

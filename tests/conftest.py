@@ -31,7 +31,13 @@ def comm() -> MPI.Intracomm:
 
 @pytest.hookimpl(trylast=True)  # after the terminal reporter is there
 def pytest_configure(config: pytest.Config) -> None:
-    """Let only rank 0 report on the terminal."""
+    """Let only rank 0 report on the terminal, and no rank collect garbage when it likes.
+
+    Tracebacks that tests hold keep PETSc objects in reference cycles, whose destruction is
+    collective. (The package's own objects are in no cycle, see test_lifetime.py.)
+    """
+    if MPI.COMM_WORLD.size > 1:
+        gc.disable()
     reporter = config.pluginmanager.get_plugin("terminalreporter")
     if MPI.COMM_WORLD.rank > 0 and reporter is not None:
         config.pluginmanager.unregister(reporter)

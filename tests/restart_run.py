@@ -79,15 +79,6 @@ def block_run(comm):
     return problem, step
 
 
-def release(problem):
-    """Destroy the solvers, in the same order on all ranks: MUMPS ends collectively.
-
-    Python's garbage collection and exit keep to no order and may leave ranks waiting.
-    """
-    for substep in (problem.stick, problem.slip, problem.projection):
-        substep._problem = None
-
-
 RUNS = {"raous": raous_run, "block": block_run}
 
 
@@ -234,7 +225,6 @@ def resume(folder, name):
     write_checkpoint(folder / f"{name}-end-{problem.comm.size}.h5", problem)
     if problem.comm.rank == 0:
         np.savez(folder / f"{name}-{problem.comm.size}.npz", x=x, c=c, u=u)
-    release(problem)
 
 
 def kill(folder):

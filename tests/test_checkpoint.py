@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from dolfinx import fem, mesh
 
-from fenicsx_friction import checkpoint
-from fenicsx_friction.checkpoint import CheckpointError, read_checkpoint, write_checkpoint
+from fenicsx_friction import CheckpointError, checkpoint
+from fenicsx_friction.checkpoint import read_checkpoint, write_checkpoint
 from models import gathered
-from restart_run import RUNS, STEPS, bare, painted, release, square
+from restart_run import RUNS, STEPS, bare, painted, square
 
 #: How close runs are that should be the same: MUMPS on several ranks does not repeat itself.
 SAME = 1e-12 if MPI.COMM_WORLD.size == 1 else 1e-9
@@ -57,12 +57,8 @@ def uninterrupted(folder):
             reports.append(step(k))
             states.append(history(problem))
             write_checkpoint(folder / f"{name}-{k}.h5", problem, {"time": 0.1 * k})
-        end = gathered(problem)
-        release(problem)
-        results[name] = (states, reports, end, build(MPI.COMM_WORLD))
-    yield results
-    for *_, (problem, _) in results.values():
-        release(problem)
+        results[name] = (states, reports, gathered(problem), build(MPI.COMM_WORLD))
+    return results
 
 
 def close(values, expected, rtol):
@@ -76,6 +72,7 @@ def close(values, expected, rtol):
 # -- stop and resume ------------------------------------------------------------------------------
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("name", RUNS)
 def test_resumed_run_equals_the_uninterrupted_one(name, folder, uninterrupted):
     states, reports, _, (problem, step) = uninterrupted[name]
@@ -123,6 +120,7 @@ def test_the_history_of_a_contact_is_complete(uninterrupted):
     assert names == {*checkpoint.CONTACT_HISTORY} | of_one_step | set_up
 
 
+@pytest.mark.mpi
 def test_last_accepted_step_and_dt_are_restored(folder, uninterrupted):
     _, _, _, (problem, step) = uninterrupted["block"]
     read_checkpoint(folder / "block-3.h5", problem)
@@ -141,6 +139,7 @@ def test_last_accepted_step_and_dt_are_restored(folder, uninterrupted):
     assert np.array_equal(problem.accepted[0].states(), accepted[0].states())
 
 
+@pytest.mark.mpi
 def test_before_the_first_step_nothing_is_accepted(comm, path):
     problem = bare(square(comm), [VECTOR], (1,))
     write_checkpoint(path, problem)
@@ -149,6 +148,7 @@ def test_before_the_first_step_nothing_is_accepted(comm, path):
     assert problem.accepted == []
 
 
+@pytest.mark.mpi
 def test_user_history_and_shared_motions(comm, path):
     msh = square(comm)
     problem = bare(msh, [VECTOR], (1, 2), motions=(0, 1))
@@ -228,6 +228,7 @@ def refused(path, problem, message):
     assert problem.num_steps == 77
 
 
+@pytest.mark.mpi
 def test_truncated_foreign_and_missing_files_are_refused_on_all_ranks(comm, path):
     problem = bare(square(comm), [VECTOR], (1,))
     refused(path, problem, "No such file")
@@ -282,6 +283,7 @@ def moved(comm):
     return msh
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize(
     ("build", "message"),
     [
@@ -319,6 +321,7 @@ def test_another_problem_is_refused(comm, folder, build, message):
     read_checkpoint(path, rounded)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("element", [("Lagrange", 3, (2,)), ("RT", 2)])
 def test_elements_ordered_by_the_partition_are_refused(comm, path, element):
     with pytest.raises(CheckpointError, match="ordered by the partition"):
@@ -328,6 +331,7 @@ def test_elements_ordered_by_the_partition_are_refused(comm, path, element):
 # -- what is written, and what cannot be ----------------------------------------------------------
 
 
+@pytest.mark.mpi
 def test_failed_write_keeps_the_old_file(comm, path):
     problem = bare(square(comm), [VECTOR], (1,))
     write_checkpoint(path, problem, {"time": 1.0})

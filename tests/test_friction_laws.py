@@ -141,6 +141,7 @@ LAWS = {
 }
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("name", LAWS)
 def test_a_dragged_block_meets_the_limit_exactly(name):
     make, limit = LAWS[name]
@@ -167,6 +168,7 @@ def test_a_dragged_block_meets_the_limit_exactly(name):
         assert totals.force[0] == pytest.approx(force[name], rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("name", LAWS)
 def test_jacobian_of_each_law(name):
     model = dragged(LAWS[name][0], "jac_", corrector="ramp")
@@ -186,6 +188,7 @@ def test_jacobian_of_each_law(name):
     assert all(np.array_equal(*pair) for pair in zip(before, after, strict=True))
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize(
     "law", [ff.PermanentStick(), ff.Coulomb(0.3), ff.OrthotropicCoulomb((0.2, 0.5), (1, 0.7, 0))]
 )
@@ -216,6 +219,7 @@ def test_a_wrong_jacobian_is_found_and_named(row, where, monkeypatch):
     assert max(right.values()) < 1e-6
 
 
+@pytest.mark.mpi
 def test_friction_follows_the_temperature():
     """``mu`` of a field that the user changes between steps, on the reference configuration."""
     fields = []
@@ -233,6 +237,7 @@ def test_friction_follows_the_temperature():
         assert traction[:, 0] == pytest.approx(expected, abs=1e-9 * PRESSURE)
 
 
+@pytest.mark.mpi
 def test_a_constant_may_change_between_steps():
     mu = []
 
@@ -249,6 +254,7 @@ def test_a_constant_may_change_between_steps():
         model.move(0.09, -DEPTH)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("corrector", ["projection", "ramp"])
 def test_permanent_stick_holds_any_traction_and_lets_go_when_pulled(corrector):
     model = dragged(lambda m, s: ff.PermanentStick(), "stuck_", corrector=corrector)
@@ -281,6 +287,7 @@ def orthotropic_force(mu, angle, drag):
     return -M @ M @ drag / np.linalg.norm(M @ drag)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("angle", [0.4, 2.5])
 def test_orthotropic_friction_is_on_the_ellipse_and_slip_normal_to_it(angle):
     mu, drag = (0.1, 0.25), np.array([0.8, 0.6])
@@ -324,6 +331,7 @@ def test_orthotropic_friction_is_refused_where_it_has_no_meaning():
 # -- normal functions ------------------------------------------------------------------------
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("corrector", ["projection", "ramp"])
 def test_the_normal_function_does_not_change_the_solution(corrector):
     """Press, drag until the trailing edge lifts, lift: open, stick and slip in one history."""
@@ -354,6 +362,7 @@ class Viscous(ff.FrictionLaw):
         return c_t + ufl.conditional(ufl.gt(limit, 0.0), self.eta, 0.0) * s
 
 
+@pytest.mark.mpi
 def test_a_law_with_its_own_row_is_solved_but_not_certified():
     eta = 20.0
     model = dragged(lambda m, s: Viscous(eta), "viscous_")
@@ -371,6 +380,7 @@ def test_a_law_with_its_own_row_is_solved_but_not_certified():
     assert check_jacobian(model.problem).error < 1e-6
 
 
+@pytest.mark.mpi
 def test_the_same_viscous_law_as_a_limit_is_certified():
     """``limit = eta |s| / dt`` is a cone at every slip, so that its projection is known."""
 
@@ -386,6 +396,7 @@ def test_the_same_viscous_law_as_a_limit_is_certified():
     assert model.problem.u.x.array == pytest.approx(other.problem.u.x.array, abs=1e-11)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("factor", [0.9, 1.1])
 def test_a_law_whose_limit_is_not_that_of_its_rows_is_refused(factor):
     class Pretending(ff.Coulomb):

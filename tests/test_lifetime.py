@@ -1,0 +1,60 @@
+"""PETSc objects are destroyed in the program's order, the same on all ranks."""
+
+import gc
+import weakref
+
+import pytest
+
+import fenicsx_friction as ff
+from fenicsx_friction import laws, substep
+from models import raous
+
+
+@pytest.fixture
+def alive(monkeypatch):
+    """References to all nonlinear problems that are made; no garbage collector."""
+    made = []
+
+    class Watched(substep.NonlinearProblem):
+        def __init__(self, *args, **kwargs):
+            super().__init__(*args, **kwargs)
+            made.append(weakref.ref(self))
+
+    monkeypatch.setattr(substep, "NonlinearProblem", Watched)
+    gc.disable()
+    yield lambda: [problem() is not None for problem in made]
+    gc.enable()
+
+
+def test_problem_goes_with_its_last_reference(alive):
+    model = raous(4, 4, 1.0, "lifetime_")
+    model.problem.solve()
+    assert any(alive())
+    del model
+    assert not any(alive())
+
+
+def test_stepper_keeps_nothing(alive):
+    model = raous(4, 4, 1.0, "lifetime_stepper_")
+    stepper = ff.LoadStepper(
+        model.problem, lambda t, model=model: model.load(t, t), end=1.0, step=0.5
+    )
+    assert len(list(stepper)) == 2
+    assert any(alive())
+    del model, stepper
+    assert not any(alive())
+
+
+def test_failed_step_keeps_nothing(alive, monkeypatch):
+    monkeypatch.setattr(laws, "projection_row", lambda s, c_t, limit, r, eps: r * s)
+
+    def fail() -> bool:
+        try:
+            raous(4, 4, 1.0, "lifetime_failure_").problem.solve()
+        except ff.StepFailed:
+            return True
+        return False
+
+    assert fail()
+    assert alive()
+    assert not any(alive())
