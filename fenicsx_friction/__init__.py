@@ -5,6 +5,7 @@ from . import bulk, laws
 from .certificate import OPEN, SLIP, STICK, Certificate
 from .checkpoint import read_checkpoint, write_checkpoint
 from .contact import Contact
+from .deformable import DeformableObstacle
 from .energy import EnergyAudit
 from .errors import CheckpointError, ContactInputError, StepFailed
 from .events import Event, EventLog
@@ -22,6 +23,7 @@ from .obstacles import ImplicitObstacle, RigidCylinder, RigidObstacle, RigidPlan
 from .output import ContactFields
 from .problem import FrictionalContactProblem
 from .report import ContactReport, FailedAttempt, StepRecord, StepReport
+from .search import SearchPolicy
 from .settings import StepSettings
 from .stepper import LoadStepper, StepperFailed
 from .substep import SubstepReport
@@ -41,6 +43,7 @@ __all__ = [
     "ContactReport",
     "ContactSurface",
     "Coulomb",
+    "DeformableObstacle",
     "EnergyAudit",
     "Event",
     "EventLog",
@@ -58,6 +61,7 @@ __all__ = [
     "RigidObstacle",
     "RigidPlane",
     "RigidSphere",
+    "SearchPolicy",
     "Sliding",
     "StepFailed",
     "StepRecord",

@@ -6,7 +6,9 @@ These are conveniences; any UFL residual of the displacement serves as well. 2D 
 
 from dataclasses import dataclass
 
+import numpy as np
 import ufl
+from dolfinx import fem
 from ufl.core.expr import Expr
 
 from .errors import ContactInputError
@@ -17,17 +19,19 @@ class Elastic:
     """Isotropic elastic constants.
 
     Attributes:
-        E: Young's modulus (Pa), ``> 0``.
+        E: Young's modulus (Pa), ``> 0``; a Function for bodies of several materials.
         nu: Poisson's ratio, ``-1 < nu < 0.5``.
     """
 
-    E: float
+    E: float | fem.Function
     nu: float
 
     def __post_init__(self) -> None:
         """Check the constants."""
-        if not 0.0 < self.E < float("inf"):
-            raise ContactInputError(f"Young's modulus E = {self.E} must be positive and finite.")
+        low, high = _range(self.E)
+        if not 0.0 < low <= high < float("inf"):
+            found = low if low == high else f"{low} ... {high}"
+            raise ContactInputError(f"Young's modulus E = {found} must be positive and finite.")
         if not -1.0 < self.nu < 0.5:
             raise ContactInputError(
                 f"Poisson's ratio nu = {self.nu} must lie in (-1, 0.5); for incompressible bodies "
@@ -35,12 +39,12 @@ class Elastic:
             )
 
     @property
-    def shear_modulus(self) -> float:
+    def shear_modulus(self) -> float | Expr:
         """Shear modulus G (Pa)."""
         return self.E / (2.0 * (1.0 + self.nu))
 
     @property
-    def bulk_modulus(self) -> float:
+    def bulk_modulus(self) -> float | Expr:
         """Bulk modulus K (Pa)."""
         return self.E / (3.0 * (1.0 - 2.0 * self.nu))
 
@@ -83,3 +87,12 @@ def stored_energy(
     deviatoric, volumetric = density
     volumetric_dx = dx(degree=1) if bbar else dx(degree=degree)
     return deviatoric * dx(degree=degree) + volumetric * volumetric_dx
+
+
+def _range(value: float | fem.Function) -> tuple[float, float]:
+    """Return the least and the greatest value; NaN if any is; collective for Functions."""
+    if not isinstance(value, fem.Function):
+        return float(value), float(value)
+    parts = value.function_space.mesh.comm.allgather(value.x.array)
+    every = np.concatenate(parts)
+    return float(np.min(every)), float(np.max(every))

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""One contact: a surface of the body, a rigid obstacle and a friction law."""
+"""One contact: a surface of the body, an obstacle and a friction law."""
 
 import copy
+from collections.abc import Callable
 
 from mpi4py import MPI
 
@@ -16,7 +17,7 @@ from .certificate import OPEN, NodalState
 from .compat import bc_space_contains, unrolled_bc_dofs
 from .errors import ContactInputError
 from .friction import FrictionLaw, Sliding
-from .obstacles import RigidObstacle, kinematics
+from .kinematics import Obstacle
 from .surface import ContactSurface
 
 #: A node with slip rows this fraction outside the cone is at a false root.
@@ -24,11 +25,11 @@ FALSE_ROOT = 1e-6
 
 
 class Contact:
-    """Unilateral contact with friction of a surface against a rigid obstacle.
+    """Unilateral contact with friction of a surface against an obstacle.
 
     Args:
         surface: The contact surface of the body.
-        obstacle: The rigid obstacle.
+        obstacle: A rigid obstacle, or the surface of a deformable body.
         friction: The friction law.
         r_p: Scale (Pa/m) of the complementarity functions, the paper's ``r_p``. By default
             each node's diagonal bulk stiffness over its area, which is of the size of ``E/L_c``.
@@ -48,7 +49,7 @@ class Contact:
     def __init__(
         self,
         surface: ContactSurface,
-        obstacle: RigidObstacle,
+        obstacle: Obstacle,
         friction: FrictionLaw,
         *,
         r_p: float | None = None,
@@ -89,7 +90,7 @@ class Contact:
         self._u, self._parent_dofs = u, self.surface.parent_dofs(u.function_space)
         self._normal_row = laws.NORMAL_ROWS[normal]
         X = ufl.SpatialCoordinate(self.surface.mesh)
-        kin = kinematics(self.obstacle, X + u, X + u_old, self.hint)
+        kin = self.obstacle.kinematics(self.surface, u, u_old, self.hint, self.c)
         self.kinematics = kin
         # A prescribed tangential direction neither slips nor carries friction here.
         tangential = range(1, u.function_space.mesh.geometry.dim)
@@ -112,18 +113,18 @@ class Contact:
         limits = [limit, self.friction.limit(ufl.as_ufl(1.0), self.sliding)]
         limits.append(self._scale * self.friction.limit(self.c[0], self.sliding))
         # Beside the gap, because UFL folds mu = 0 to an expression that no form can hold.
-        self._evaluate = self.surface.evaluator(ufl.as_vector([kin.gap, *slip, *c_t, *limits]))
-        self._traction = self.surface.evaluator(kin.traction(self.c))
-        self._normal = self.surface.evaluator(kin.normal)
-        self._slip_length = self.surface.evaluator(ufl.as_vector([kin.gap, length]))
+        self._evaluate = self.evaluator(ufl.as_vector([kin.gap, *slip, *c_t, *limits]))
+        self._traction = self.evaluator(kin.traction(self.c))
+        self._normal = self.evaluator(kin.normal)
+        self._slip_length = self.evaluator(ufl.as_vector([kin.gap, length]))
         way = sum((s * e for s, e in zip(self.sliding.slip, kin.tangents, strict=True)), 0 * X)
-        self._slip_vector = self.surface.evaluator(way)
+        self._slip_vector = self.evaluator(way)
         self.slip_increment: npt.NDArray[np.floating] = np.zeros((self.surface.num_owned, len(X)))
-        self._position = self.surface.evaluator(X + u)
+        self._position = self.evaluator(X + u)
         self._own_row = None
         if not self.friction.certifiable:
             row = self.friction.row(slip, c_t, limit, self.r, ufl.as_ufl(0.0))
-            self._own_row = self.surface.evaluator(ufl.as_vector([*row]))
+            self._own_row = self.evaluator(ufl.as_vector([*row]))
 
     def _limit(self, pressure: Expr) -> Expr:
         """Return the law's limit in contact, zero where the node is open.
@@ -165,6 +166,17 @@ class Contact:
         return ufl.as_vector([normal, *tangential])
 
     # -- nodal values --------------------------------------------------------------------
+
+    def evaluator(self, expression: Expr) -> Callable[[], npt.NDArray[np.floating]]:
+        """Return what evaluates a UFL expression at the owned nodes now, one row a node."""
+        evaluate, update = self.surface.evaluator(expression), self.obstacle.update
+
+        def values() -> npt.NDArray[np.floating]:
+            """Follow the displacement and evaluate; collective."""
+            update()
+            return evaluate()
+
+        return values
 
     def nodal(self) -> NodalState:
         """Return the nodal values of this rank's nodes, tractions in the law's disk variables."""
@@ -277,7 +289,7 @@ class Contact:
             return
         traction = self.nodal_traction()
         hints[steep] = frame.choose_hints(normals, self._fixed)[steep]
-        vectors = [self.surface.evaluator(e)() for e in self.kinematics.tangents]
+        vectors = [self.evaluator(e)() for e in self.kinematics.tangents]
         c = self.c.x.array.reshape(-1, d)
         for k, e in enumerate(vectors):
             c[:n, k + 1] = np.einsum("ij,ij->i", traction, e)
@@ -338,4 +350,9 @@ class Contact:
             if bc_space_contains(V, bc):
                 fixed.x.array[unrolled_bc_dofs(bc)] = 1.0
         fixed.x.scatter_forward()
-        return np.asarray(fixed.x.array.reshape(-1, V.dofmap.index_map_bs)[self._parent_dofs] > 0.5)
+        nodes = fixed.x.array.reshape(-1, V.dofmap.index_map_bs)[self._parent_dofs] > 0.5
+        both = fem.Function(self.surface.Q)
+        owned = self.obstacle.prescribed(fixed, nodes[: self.surface.num_owned])
+        both.x.array[: owned.size] = owned.ravel()
+        both.x.scatter_forward()
+        return np.asarray(both.x.array.reshape(nodes.shape) > 0.5)

@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: MIT
 """Rigid obstacles: a gap in UFL, from which normal and tangent frame follow."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import ufl
+from dolfinx import fem
 from ufl.core.expr import Expr
 
 from .errors import ContactInputError
+from .kinematics import Kinematics, Obstacle
 from .motion import RigidMotion
+from .surface import ContactSurface
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigidObstacle(ABC):
+class RigidObstacle(Obstacle):
     """A rigid obstacle, at rest or moving.
 
     Attributes:
@@ -34,6 +37,18 @@ class RigidObstacle(ABC):
     def carry(self, x: Expr) -> Expr:
         """Return where the obstacle's point that was at ``x`` at the last step is now."""
         return x if self.motion is None else self.motion.carry(x)
+
+    def kinematics(
+        self,
+        surface: ContactSurface,
+        u: fem.Function,
+        u_old: fem.Function,
+        hint: fem.Function,
+        c: fem.Function,
+    ) -> Kinematics:
+        """Derive the kinematics from the gap, see :func:`kinematics`."""
+        X = ufl.SpatialCoordinate(surface.mesh)
+        return kinematics(self, X + u, X + u_old, hint)
 
 
 @dataclass(frozen=True)
@@ -138,27 +153,6 @@ class ImplicitObstacle(RigidObstacle):
         if value.ufl_shape != ():
             raise ContactInputError(f"The gap must be scalar, its shape is {value.ufl_shape}.")
         return value
-
-
-@dataclass(frozen=True)
-class Kinematics:
-    """Gap, slip increment and frame of a contact point, in UFL.
-
-    Attributes:
-        gap: Signed gap (m).
-        slip: Slip increment (m) in the frame, ``gdim - 1`` components.
-        normal: Unit normal towards the body.
-        tangents: Unit tangents.
-    """
-
-    gap: Expr
-    slip: Expr
-    normal: Expr
-    tangents: tuple[Expr, ...]
-
-    def traction(self, c: Expr) -> Expr:
-        """Return the traction vector of the multipliers ``c = (c_n, c_1[, c_2])``."""
-        return sum((c[k + 1] * e for k, e in enumerate(self.tangents)), c[0] * self.normal)
 
 
 def kinematics(obstacle: RigidObstacle, x: Expr, x_old: Expr, hint: Expr) -> Kinematics:

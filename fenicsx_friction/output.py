@@ -59,7 +59,7 @@ class ContactFields:
         self.traction = fem.Function(W, name="traction")
         self.tangential = fem.Function(W, name="tangential_traction")
         self.slip = fem.Function(W, name="slip")
-        self._normal = surface.evaluator(self._contact.kinematics.normal)
+        self._normal = self._contact.evaluator(self._contact.kinematics.normal)
 
     @property
     def scalars(self) -> list[fem.Function]:

@@ -11,12 +11,14 @@ import ufl
 from dolfinx import default_scalar_type, fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
 from dolfinx.la import InsertMode
+from ufl.core.expr import Expr
 
 from . import step
 from .certificate import OPEN, SLIP, STICK, Certificate, NodalState, certify
 from .checks import check_problem
 from .compat import bc_space_contains, unrolled_bc_dofs
 from .contact import Contact
+from .coupling import Coupling
 from .errors import ContactInputError
 from .measures import share_facet_data
 from .report import ContactReport, StepReport
@@ -47,6 +49,7 @@ class FrictionalContactProblem:
         num_steps: Number of accepted steps.
         accepted: Nodal values of each contact (this rank's nodes) in the last accepted step.
         monitor: Called with each :class:`~fenicsx_friction.substep.SubstepReport`, or ``None``.
+        coupling: The pairs of contacts with deformable obstacles, or ``None`` without any.
         constrained_dofs: Dofs of ``u`` under a boundary condition (local, unrolled).
         bulk: The momentum balance without contact, ready to be assembled.
         stick: The stick predictor, eq. (14).
@@ -97,7 +100,10 @@ class FrictionalContactProblem:
         self.constrained_dofs = _constrained_dofs(V, self.bcs)
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
 
-        def substep(name: str, rows: Callable[[Contact], object]) -> Substep:
+        pins, deformable = [*self.bcs, *self._pins], [k.obstacle.deformable for k in self.contacts]
+        self.coupling = Coupling(self.contacts, self.state, pins) if any(deformable) else None
+
+        def substep(name: str, rows: Callable[[Contact], Expr]) -> Substep:
             """Make the substep whose contact rows are ``rows(contact)``."""
             tests = [ufl.TestFunction(k.surface.Q) for k in self.contacts]
             equations = [
@@ -108,10 +114,12 @@ class FrictionalContactProblem:
                 name,
                 [self._momentum, *blocks[1:], *equations],
                 self.state,
-                [*self.bcs, *self._pins],
+                pins,
                 petsc_options_prefix,
                 petsc_options,
                 self._entity_maps,
+                self.coupling,
+                rows,
             )
 
         sign = float(self.settings.ramp_sign)
@@ -154,7 +162,10 @@ class FrictionalContactProblem:
 
     def assemble_momentum(self) -> np.ndarray:
         """Return the unbalanced nodal forces (N), reactions at prescribed dofs; owned dofs."""
-        return assemble_owned(self._momentum_form)
+        if self.coupling is None:
+            return assemble_owned(self._momentum_form)
+        reaction = self.coupling.momentum()  # updates the kinematics in the form
+        return assemble_owned(self._momentum_form) + reaction
 
     def assemble_bulk(self) -> np.ndarray:
         """Return the nodal forces (N) without those of contact; owned dofs."""

@@ -34,6 +34,8 @@ SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
 SMALLEST_EPS = 1e-9
 #: Smallest part of the increment that the continuation follows at once.
 SMALLEST_CONTINUATION = 1e-4
+#: Searches for the faces that nodes meet, each but the last followed by a solve.
+MAX_SEARCHES = 6
 #: A stage with at most this many iterations lets the next reduction be bolder.
 EASY_STAGE = 1
 
@@ -62,6 +64,7 @@ FALLBACKS = (
 def advance(problem: FrictionalContactProblem) -> StepReport:
     """Solve, certify and commit one increment; see ``FrictionalContactProblem.solve``."""
     for k in problem.contacts:
+        k.obstacle.anchor()
         k.refresh_frames()
     start = state.save(problem.state)
     unbalanced, largest = problem.projection.residual_norms()
@@ -74,8 +77,11 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
     for attempt in (None, Attempt(problem.settings.corrector), *FALLBACKS):
         state.restore(problem.state, start)
         if attempt is not None:
+            for k in problem.contacts:
+                k.obstacle.anchor()
             with _scaled(problem, attempt.r_factor):
                 substeps += _correct(problem, attempt, forces)
+                substeps += _settle(problem, attempt, forces)
         elif unbalanced > NEWTON_TOLERANCE * forces:
             continue  # else the loads did not change and the state is its own solution
         certificate = problem.certify(largest)
@@ -136,6 +142,26 @@ def _correct(
             max_it=attempt.max_it,
         )
     )
+    return reports
+
+
+def _settle(
+    problem: FrictionalContactProblem, attempt: Attempt, forces: float
+) -> list[SubstepReport]:
+    """Search again for what the nodes meet, and solve again, until nothing changes."""
+    reports: list[SubstepReport] = []
+    for searched in range(MAX_SEARCHES):
+        changed = [k.obstacle.search(searched) for k in problem.contacts]
+        if not any(changed):
+            break
+        reports.append(
+            problem.run(
+                problem.projection,
+                NEWTON_TOLERANCE * forces,
+                line_search=attempt.line_search,
+                max_it=attempt.max_it,
+            )
+        )
     return reports
 
 

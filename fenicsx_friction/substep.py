@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: MIT
 """One kind of substep: a ``NonlinearProblem`` with a convergence test made for contact."""
 
+from __future__ import annotations
+
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
 
@@ -11,8 +14,14 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import NonlinearProblem, assign
+from ufl.core.expr import Expr
 
 from .compat import jacobian_blocks
+from .coupled_solver import CoupledSolver
+from .coupling import Coupling
+
+if TYPE_CHECKING:
+    from .contact import Contact
 
 DEFAULT_OPTIONS: dict[str, object] = {
     "snes_type": "newtonls",
@@ -71,6 +80,8 @@ class Substep:
         prefix: Prefix of the PETSc options; the substep's is ``{prefix}{name}_``.
         options: PETSc options over :data:`DEFAULT_OPTIONS`.
         entity_maps: Entity maps of all meshes in the forms.
+        coupling: The pairs of contacts with deformable obstacles, if any.
+        rows: Returns the contact rows, to be differentiated by the pairs' kinematics.
     """
 
     def __init__(
@@ -82,12 +93,16 @@ class Substep:
         prefix: str,
         options: Mapping[str, object] | None,
         entity_maps: Sequence[mesh.EntityMap],
+        coupling: Coupling | None,
+        rows: Callable[[Contact], Expr],
     ) -> None:
         self.name, self._forms, self._unknowns = name, forms, unknowns
         self._bcs, self._entity_maps = bcs, entity_maps
         self._prefix = f"{prefix}{name}_"
         self._options = {**DEFAULT_OPTIONS, **(options or {})}
+        self._coupling, self._rows = coupling, rows
         self._problem: NonlinearProblem | None = None
+        self._coupled: CoupledSolver | None = None
         self._history: list[float] = []
         self._cycled = False
 
@@ -109,6 +124,10 @@ class Substep:
             # destroy the collective objects.
             test = weakref.WeakMethod(self._test)
             self._problem.solver.setConvergenceTest(lambda *arguments: test()(*arguments))  # type: ignore[misc]
+            if self._coupling is not None:
+                laws = self._coupling.law_derivatives(self._rows)
+                snes = self._problem.solver
+                self._coupled = CoupledSolver(snes, self._unknowns, self._coupling, laws)
         return self._problem
 
     def residual(self) -> PETSc.Vec:
@@ -166,6 +185,8 @@ class Substep:
     def _run(self, problem: NonlinearProblem, target: PETSc.Vec | None) -> tuple[bool, str]:
         """Solve as ``NonlinearProblem.solve``, which knows no right-hand side."""
         assign(problem.u, problem.x)
+        if self._coupled is not None:
+            self._coupled.prepare(problem.solver, problem.x)
         try:
             problem.solver.solve(target, problem.x)
         except PETSc.Error as error:
@@ -173,7 +194,7 @@ class Substep:
                 raise
             # MUMPS gives up on a structurally singular matrix with an error, not a reason, and its
             # factors cannot be used again.
-            self._problem = None
+            self._problem = self._coupled = None
             return False, f"LINEAR_SOLVER_ERROR_{error.ierr}"
         problem.x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
         assign(problem.x, problem.u)

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: MIT
+"""Deformable obstacles: the surface of another body, met node to face."""
+
+from mpi4py import MPI
+
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from .errors import ContactInputError
+from .face_cells import Array, project, shape_matrix
+from .faces import FaceSet
+from .kinematics import Kinematics, Obstacle
+from .pair_kernel import PairGeometry, PairKernel
+from .search import Pairs, SearchPolicy, find_pairs
+from .surface import ContactSurface
+
+#: Searches of a step after which nodes keep a face that they have just left.
+PATIENCE = 2
+#: Nodes of a face with less weight have no part in a contact on its edge.
+WEIGHTLESS = 1e-8
+
+
+class DeformableObstacle(Obstacle):
+    """The surface of a deformable body (the primary surface) as an obstacle.
+
+    The nodes of the contact's own surface (the secondary one, which should be the finer) meet the
+    faces of this one. Each node meets one face at a time; pairs are found at the beginning of a
+    step and again after it was solved, until they do not change, see ``SearchPolicy``.
+
+    Args:
+        primary: The primary surface, on the same mesh.
+        search: How pairs are found.
+
+    Attributes:
+        deformable: True.
+        pairs: The face of each owned node of the secondary surface.
+        faces: The faces of the primary surface on all ranks.
+        version: Changes with the pairs.
+    """
+
+    deformable = True
+
+    def __init__(self, primary: ContactSurface, *, search: SearchPolicy | None = None) -> None:
+        self.primary, self.policy = primary, search or SearchPolicy()
+        self.version = 0
+
+    def kinematics(
+        self,
+        surface: ContactSurface,
+        u: fem.Function,
+        u_old: fem.Function,
+        hint: fem.Function,
+        c: fem.Function,
+    ) -> Kinematics:
+        """Return kinematics whose parts are fields, which :meth:`update` fills."""
+        if hasattr(self, "faces"):
+            raise ContactInputError(
+                f"The deformable obstacle '{self.primary.name}' already belongs to a contact; "
+                "make another one (its surface can be shared)."
+            )
+        d = surface.mesh.geometry.dim
+        self._d, self._u, self._u_old, self._hint, self._c = d, u, u_old, hint, c
+        self.faces, self._secondary = FaceSet(self.primary, u), FaceSet(surface, u)
+        n = surface.num_owned
+        self._nodes = surface.parent_dofs(u.function_space)[:n]
+        self._kernel = PairKernel(surface.mesh.comm, self.faces.cell, d, n)
+        size = 1 + d * d  # gap, way, normal and in 3D a tangent
+        element = basix.ufl.element("Lagrange", surface.submesh.basix_cell(), 1, shape=(size,))
+        self.field = fem.Function(fem.functionspace(surface.submesh, element), name="pairs")
+        self.anchor()
+        q = self.q = ufl.variable(self.field)
+        part = lambda k: ufl.as_vector([q[1 + d * k + i] for i in range(d)])  # noqa: E731
+        way, normal = part(0), part(1)
+        if d == 2:
+            tangents: tuple = (ufl.as_vector([normal[1], -normal[0]]),)
+        else:
+            tangents = (part(2), ufl.cross(normal, part(2)))
+        slip = ufl.as_vector([ufl.dot(e, way) for e in tangents])
+        return Kinematics(q[0], slip, normal, tangents)
+
+    # -- pairs -----------------------------------------------------------------------------------
+
+    def anchor(self) -> None:
+        """Pair the nodes at ``u_old`` and keep the points of the faces that they meet there."""
+        n = self._secondary.own.stop - self._secondary.own.start
+        held = self._c.x.array[: n * self._d : self._d] > 0.0
+        self.pairs = self._start = self._find(self._u_old, held)
+        self._place_old()
+
+    def search(self, searched: int) -> bool:
+        """Look again for the faces at the current displacement; collective."""
+        keep = 0.0 if searched < PATIENCE else self.policy.keep
+        found = self._find(self._u, self.pairs.paired, self.pairs, keep)
+        moved = bool(np.any(found.face != self.pairs.face))
+        changed = bool(self.primary.mesh.comm.allreduce(moved, MPI.LOR))
+        if changed:
+            self.pairs = found
+            self._place_old()
+        return changed
+
+    def _find(
+        self,
+        u: fem.Function,
+        held: npt.NDArray[np.bool_],
+        last: Pairs | None = None,
+        keep: float = 0.0,
+    ) -> Pairs:
+        """Pair this rank's nodes at a displacement; collective."""
+        x, own = self._secondary.positions(u), self._secondary.own
+        return find_pairs(
+            self.faces,
+            self.faces.positions(u),
+            x[own],
+            self._secondary.node_normals(x)[own],
+            self.policy,
+            held,
+            last,
+            keep=keep,
+        )
+
+    def _place_old(self) -> None:
+        """Find the point that each node met at ``u_old``; collective.
+
+        A node that met none there is traced back to its present face, extended. Later increments
+        of slip start from there, whatever faces the node has crossed.
+        """
+        self.version += 1
+        met = self._start.paired
+        self._old_face = np.where(met, self._start.face, self.pairs.face)
+        corners = self.faces.positions(self._u_old)[self.faces.faces[self._old_face]]
+        x = self._secondary.positions(self._u_old)[self._secondary.own]
+        xi = np.where(met[:, None], self._start.xi, self.pairs.xi)
+        projected = project(self.faces.cell, corners, x, xi)
+        xi = np.where(np.isfinite(projected), projected, xi)
+        self._old_weights = shape_matrix(self.faces.cell, xi)
+        self._xi = self.pairs.xi.copy()
+
+    # -- kinematics --------------------------------------------------------------------------
+
+    def update(self) -> None:
+        """Evaluate the contact element at the current displacement; collective."""
+        geometry = self._geometry()
+        values = self._kernel.values(geometry)
+        n, size = len(values), self.field.function_space.dofmap.bs
+        rows = self.field.x.array[: n * size].reshape(n, size)
+        paired = self.pairs.paired
+        rows[paired] = values[paired, :size]
+        rows[~paired] = self._without_face()[~paired]
+        self.field.x.scatter_forward()
+        self.weights = values[:, size:]
+
+    def derivatives(self) -> tuple[Array, Array]:
+        """Return the derivatives of the fields and of the shape functions by all positions.
+
+        Returns:
+            Arrays (n, size of the field or nodes of a face, dofs of the element), zero for nodes
+            without a face.
+        """
+        values = self._kernel.derivatives(self._geometry())
+        size = self.field.function_space.dofmap.bs
+        values = values.reshape(len(values), size + self.faces.cell.nodes, -1)
+        values[~self.pairs.paired] = 0.0
+        return values[:, :size], values[:, size:]
+
+    def nodes(self) -> npt.NDArray[np.int64]:
+        """Return the primary nodes of each pair: of its face, then of its old face."""
+        return np.hstack([self.faces.faces[self.pairs.face], self.faces.faces[self._old_face]])
+
+    def _geometry(self) -> PairGeometry:
+        """Collect the current configuration of this rank's pairs; collective."""
+        face_x, own = self.faces.positions(), self._secondary.own
+        x = self._secondary.X[own] + self._u.x.array.reshape(-1, self._d)[self._nodes]
+        around = face_x[self.nodes()]
+        xi = project(self.faces.cell, around[:, : self.faces.cell.nodes], x, self._xi)
+        self._xi = np.where(np.isfinite(xi), xi, self._xi)
+        z = np.concatenate([x[:, None], around], axis=1)
+        hint = self._hint.x.array.reshape(-1, self._d)[: len(x)]
+        return PairGeometry(z, self._xi, self._old_weights, hint)
+
+    def _without_face(self) -> Array:
+        """Return the field of nodes that meet no face: open, with a frame of their own."""
+        reach = self.policy.reach or 2.0 * self.faces.size
+        d, own = self._d, self._secondary.own
+        normal = -self._secondary.node_normals(self._secondary.X)[own]
+        parts = [np.full((len(normal), 1), reach), np.zeros_like(normal), normal]
+        if d == 3:
+            hint = self._hint.x.array.reshape(-1, d)[: len(normal)]
+            first = hint - np.sum(hint * normal, axis=1)[:, None] * normal
+            length = np.linalg.norm(first, axis=1)[:, None]
+            parts.append(first / np.where(length > 0.0, length, 1.0))
+        return np.hstack(parts)
+
+    def prescribed(
+        self, fixed: fem.Function, nodes: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.bool_]:
+        """Keep the directions in which the node and all that it meets are prescribed.
+
+        A node without a face keeps up to all but one of its directions, as on symmetry planes.
+        """
+        primary = self.faces.gather_dofs(fixed.x.array) > 0.5
+        self.update()
+        face = self.faces.faces[self.pairs.face]
+        ignored = abs(self.weights) < WEIGHTLESS
+        both = nodes & np.all(primary[face] | ignored[:, :, None], axis=1)
+        alone = nodes & ~np.all(nodes, axis=1, keepdims=True)
+        return np.where(self.pairs.paired[:, None], both, alone)

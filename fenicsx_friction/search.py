@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: MIT
+"""Search: which face does each node meet?"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from .face_cells import Array, blend, distances, normals, project, shape_matrix
+from .faces import FaceSet
+
+#: Distances that differ by this fraction of a face are the same.
+TIE = 1e-9
+
+
+@dataclass(frozen=True)
+class SearchPolicy:
+    """How pairs are found, kept and given up.
+
+    Attributes:
+        reach: Nodes farther than this (m) from all faces, or deeper inside, meet none; by default
+            twice the mean diameter of the faces.
+        enter: How far beyond the surface's edge, in face lengths, a node may be to be paired.
+        leave: How far beyond the edge it may slide before it is let go.
+        keep: From the third search of a step on, nodes keep a face that they have left by less
+            than this, in face lengths, lest they change for ever at a fold.
+    """
+
+    reach: float | None = None
+    enter: float = 0.1
+    leave: float = 0.5
+    keep: float = 0.05
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """The face of each node of this rank, and where on it.
+
+    Attributes:
+        face: Number of the face, or -1.
+        xi: Reference coordinates of the projection on it.
+    """
+
+    face: npt.NDArray[np.int64]
+    xi: Array
+
+    @property
+    def paired(self) -> npt.NDArray[np.bool_]:
+        """Nodes that have a face."""
+        return self.face >= 0
+
+
+def find_pairs(
+    faces: FaceSet,
+    face_x: Array,
+    x: Array,
+    directions: Array,
+    policy: SearchPolicy,
+    held: npt.NDArray[np.bool_],
+    last: Pairs | None = None,
+    *,
+    keep: float = 0.0,
+) -> Pairs:
+    """Pair nodes with the nearest face that looks at them.
+
+    Args:
+        faces: The faces.
+        face_x: Positions of their nodes (m).
+        x: Positions of the nodes to be paired (m).
+        directions: Their averaged normals; a face looks at a node if the normals oppose.
+        policy: What to accept.
+        held: Nodes that are let go at ``policy.leave`` only.
+        last: The pairs so far.
+        keep: Fraction of a face by which a node may have left its last face and still keep it.
+    """
+    cell, nodes = faces.cell, np.arange(len(x))
+    result = Pairs(np.full(len(x), -1, dtype=np.int64), np.tile(cell.center, (len(x), 1)))
+    i, f = _candidates(faces, face_x, x, directions, policy)
+    if len(i) == 0:
+        return result
+    corners = face_x[faces.faces[f]]
+    xi = project(cell, corners, x[i])
+    distance = distances(cell, corners, x[i], xi)
+    overhang = cell.overhang(xi)
+    bad = ~np.all(np.isfinite(xi), axis=1)
+    distance[bad] = overhang[bad] = np.inf
+    if last is not None:
+        kept = (f == last.face[i]) & (overhang <= max(keep, TIE))
+        distance[kept] -= np.where(keep > TIE, faces.size, 2.0 * TIE * faces.size)
+    order = np.lexsort((faces.priority[f], np.round(distance / faces.size / TIE), i))
+    best = order[np.searchsorted(i[order], nodes).clip(max=len(i) - 1)]
+    normal = normals(cell, corners[best], xi[best])
+    gap = np.sum(normal * (x[i[best]] - blend(shape_matrix(cell, xi[best]), corners[best])), axis=1)
+    allowed = np.where(held, policy.leave, policy.enter)
+    reach = policy.reach or 2.0 * faces.size
+    good = (i[best] == nodes) & (overhang[best] <= allowed) & (abs(gap) <= reach)
+    result.face[good], result.xi[good] = f[best[good]], xi[best[good]]
+    return result
+
+
+def _candidates(
+    faces: FaceSet, face_x: Array, x: Array, directions: Array, policy: SearchPolicy
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return nodes and faces that may be pairs, from a tree of the faces' centers."""
+    corners = face_x[faces.faces]
+    center = corners.mean(axis=1)
+    radius = float(np.max(np.linalg.norm(corners - center[:, None], axis=2)))
+    near = cKDTree(center).query_ball_point(x, (policy.reach or 2.0 * faces.size) + radius)
+    i = np.repeat(np.arange(len(x)), [len(n) for n in near])
+    f = np.concatenate([np.asarray(n, dtype=np.int64) for n in near] or [np.zeros(0, np.int64)])
+    middle = np.tile(faces.cell.center, (len(corners), 1))
+    normal = normals(faces.cell, corners, middle)
+    looks = np.sum(normal[f] * directions[i], axis=1) < 0.0
+    return i[looks], f[looks]

@@ -1,0 +1,137 @@
+"""Two deformable bodies on one mesh, for tests of contact between them."""
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+
+import fenicsx_friction as ff
+from models import tagged_facets
+
+
+def joined(comm, *parts):
+    """Join meshes made on MPI.COMM_SELF to one without connecting them."""
+    domain = basix.ufl.element(
+        "Lagrange", parts[0].basix_cell(), 1, shape=(parts[0].geometry.dim,)
+    )
+    nodes, cells, start = [], [], 0
+    for part in parts:
+        nodes.append(part.geometry.x[:, : part.geometry.dim])
+        cells.append(part.geometry.dofmaps[0] + start)
+        start += len(nodes[-1])
+    x, table = np.concatenate(nodes), np.concatenate(cells).astype(np.int64)
+    if comm.rank > 0:
+        x, table = x[:0], table[:0]
+    return mesh.create_mesh(comm, table, domain, x)
+
+
+def box(low, high, n, cell):
+    """A rectangle or box on MPI.COMM_SELF."""
+    kind = getattr(mesh.CellType, cell)
+    make = mesh.create_rectangle if len(n) == 2 else mesh.create_box
+    return make(MPI.COMM_SELF, [low, high], n, kind)
+
+
+@dataclass
+class Stack:
+    """A block on a base; ``move`` prescribes the top, ``turn`` turns base and top together."""
+
+    problem: ff.FrictionalContactProblem
+    contact: ff.Contact
+    top: fem.Function
+    bottom: fem.Function
+    stored: ufl.Form
+
+    def move(self, *displacement):
+        d = len(displacement)
+        self.top.x.array[:] = np.tile(displacement, len(self.top.x.array) // d)
+
+
+def stack(
+    mu,
+    prefix,
+    *,
+    cell="hexahedron",
+    upper=(3, 3, 2),
+    lower=(2, 2, 2),
+    top=((0.0, 0.0, 1.0), (1.0, 1.0, 2.0)),
+    base=((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+    E=1000.0,
+    nu=0.3,
+    energy="finite",
+    comm=MPI.COMM_WORLD,
+    search=None,
+    hold=None,
+    warp=None,
+    **settings,
+) -> Stack:
+    """Build a block on a base; lengths (m), ``E`` (Pa) of both or of the block and the base.
+
+    Args:
+        hold: Further prescribed components: (marker, component) pairs, held at zero.
+        warp: Moves the nodes, ``(3, n)`` to the same.
+    """
+    d = len(upper)
+    msh = joined(comm, box(*base, lower, cell), box(*top, upper, cell))
+    up = d - 1
+    level = top[0][up]
+    eps = 1e-6 * (top[1][up] - level)
+    # A facet of the base at the same place is told apart by the body of its cell.
+    tags = _sides(msh, up, level, base[0][up], top[1][up], eps)
+    if warp is not None:
+        msh.geometry.x[:, :d] = warp(msh.geometry.x[:, :d].T).T
+    V = fem.functionspace(msh, ("Lagrange", 1, (d,)))
+    u, v = fem.Function(V, name="u"), ufl.TestFunction(V)
+    moduli = np.broadcast_to(E, 2)
+    D0 = fem.functionspace(msh, ("DG", 0))
+    young = fem.Function(D0)
+    mid = mesh.compute_midpoints(msh, d, np.arange(len(young.x.array), dtype=np.int32))
+    young.x.array[:] = np.where(mid[:, up] > level, moduli[0], moduli[1])
+    rubber = ff.bulk.Elastic(E=young, nu=nu)
+    density = {"small": ff.bulk.small_strain_energy, "finite": ff.bulk.neo_hooke_energy}[energy]
+    stored = ff.bulk.stored_energy(density(u, rubber), ufl.dx)
+    moved, bottom = fem.Function(V, name="top"), fem.Function(V, name="bottom")
+    bcs = [
+        fem.dirichletbc(moved, fem.locate_dofs_topological(V, d - 1, tags.find(4))),
+        fem.dirichletbc(bottom, fem.locate_dofs_topological(V, d - 1, tags.find(3))),
+    ]
+    for marker, component in hold or []:
+        W = V.sub(component)
+        facets = mesh.locate_entities_boundary(msh, d - 1, marker)
+        bcs.append(fem.dirichletbc(0.0, fem.locate_dofs_topological(W, d - 1, facets), W))
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1, "secondary"),
+        ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2, "primary"), search=search),
+        ff.Coulomb(mu) if not isinstance(mu, ff.FrictionLaw) else mu,
+    )
+    problem = ff.FrictionalContactProblem(
+        ufl.derivative(stored, u, v),
+        u,
+        contact=contact,
+        bcs=bcs,
+        petsc_options_prefix=prefix,
+        settings=ff.StepSettings(**settings),
+    )
+    return Stack(problem, contact, moved, bottom, stored)
+
+
+def _sides(msh, up, level, low, high, eps):
+    """Tag the block's bottom 1, the base's top 2, the base's bottom 3 and the block's top 4."""
+    tdim = msh.topology.dim
+    everything = tagged_facets(
+        msh,
+        lambda x: np.isclose(x[up], level, atol=eps),
+        lambda x: np.isclose(x[up], low, atol=eps),
+        lambda x: np.isclose(x[up], high, atol=eps),
+    )
+    values = np.choose(everything.values - 1, [1, 3, 4])
+    msh.topology.create_connectivity(tdim - 1, tdim)
+    owner = msh.topology.connectivity(tdim - 1, tdim)
+    cells = np.array([owner.links(f)[0] for f in everything.indices], dtype=np.int32)
+    below = mesh.compute_midpoints(msh, tdim, cells)[:, up] < level
+    values = np.where((values == 1) & below, 2, values).astype(np.int32)
+    return mesh.meshtags(msh, tdim - 1, everything.indices, values)
