@@ -58,9 +58,8 @@ class _Pair:
 
     def columns(self) -> Indices:
         """Return the rows of the dofs of each element: its positions, then its multipliers."""
-        n = len(self.secondary)
-        around = self.primary[self.obstacle.nodes()].reshape(n, -1)
-        columns = np.hstack([self.secondary, around, self.multipliers])
+        around = self.primary[self.obstacle.nodes()]
+        columns = np.hstack([self.secondary, _flat(around), self.multipliers])
         columns[~self.obstacle.pairs.paired] = -1
         return columns
 
@@ -152,7 +151,7 @@ class Coupling:
                 nodes = p.contact.surface.parent_dofs(self._u.function_space)
                 own = missing.x.array.reshape(-1, d)[nodes[: len(p.secondary)]]
                 around = faces.gather_dofs(missing.x.array)[p.obstacle.nodes()]
-                step = np.hstack([own, around.reshape(len(own), -1)])
+                step = np.hstack([own, _flat(around)])
                 rows = p.columns()
                 values = np.einsum("nij,nj->ni", matrix[:, :, : step.shape[1]], step)
                 _add(b, rows, values)
@@ -188,7 +187,7 @@ def _element_matrices(pair: _Pair, law: Callable[[], Array]) -> Array:
     """Return the matrices of the elements: (n, dofs, dofs), rows as in ``columns()``."""
     k, obstacle = pair.contact, pair.obstacle
     n, d, nodes = *pair.secondary.shape, obstacle.faces.cell.nodes
-    derivative = law().reshape(n, d, -1)
+    derivative = law().reshape(n, d, 1 + d * d)
     field, shapes = obstacle.derivatives()
     frames, frame_slopes = _frames(obstacle, field, n, d)
     c, area = k.c.x.array.reshape(-1, d)[:n], k.surface.area.x.array[:n]
@@ -219,6 +218,11 @@ def _frames(obstacle: DeformableObstacle, slopes: Array, n: int, d: int) -> tupl
     second = np.cross(normal, first)
     d2 = np.cross(dn, first[:, :, None], axis=1) + np.cross(normal[:, :, None], de, axis=1)
     return np.stack([normal, first, second], axis=1), np.stack([dn, de, d2], axis=1)
+
+
+def _flat(rows: npt.NDArray) -> npt.NDArray:
+    """Return an array of vectors a row (n, k, d) as one vector a row, also for n = 0."""
+    return rows.reshape(rows.shape[0], rows.shape[1] * rows.shape[2])
 
 
 def _add(vector: PETSc.Vec, rows: Indices, values: Array) -> None:

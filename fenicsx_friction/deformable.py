@@ -161,7 +161,8 @@ class DeformableObstacle(Obstacle):
         """
         values = self._kernel.derivatives(self._geometry())
         size = self.field.function_space.dofmap.bs
-        values = values.reshape(len(values), size + self.faces.cell.nodes, -1)
+        nodes = self.faces.cell.nodes
+        values = values.reshape(len(values), size + nodes, self._d * (1 + 2 * nodes))
         values[~self.pairs.paired] = 0.0
         return values[:, :size], values[:, size:]
 

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""Mesh of the compressed concentric spheres: an octant of two hollow half-spheres in hexahedra.
+
+Each sphere is a quarter of a dome in three patches of ``n x n`` faces and four layers. The spheres
+share a radius and no node: their faces are mismatched on purpose. As a script it writes a ``.msh``
+file::
+
+    ./container python3 meshes/concentric_spheres.py --density medium spheres.msh
+"""
+
+import argparse
+from itertools import pairwise
+
+import gmsh
+
+#: Radii (mm): inside of the inner sphere, contact, outside of the outer one.
+RADII = (10.0, 12.0, 14.0)
+#: Divisions of a patch's side for the inner and the outer sphere: three times their squares are
+#: as close as can be to Puso and Laursen's 125/45, 405/125 and 405/605 faces.
+DENSITIES = {"coarse": (6, 4), "medium": (12, 6), "fine": (12, 14)}
+#: Physical groups of facets.
+TAGS = {
+    "inner contact": 1,
+    "outer contact": 2,
+    "top": 3,
+    "below": 4,  # the rims and the inside, which touches the lower plane after buckling
+    "x = 0": 5,
+    "y = 0": 6,
+}
+LAYERS = 4
+
+
+#: Directions of the points that bound the three patches of an octant, and the arcs between them.
+POINTS = {
+    "x": (1, 0, 0),
+    "y": (0, 1, 0),
+    "z": (0, 0, 1),
+    "xy": (1, 1, 0),
+    "yz": (0, 1, 1),
+    "zx": (1, 0, 1),
+    "xyz": (1, 1, 1),
+}
+PATCHES = (("x", "xy", "xyz", "zx"), ("y", "yz", "xyz", "xy"), ("z", "zx", "xyz", "yz"))
+#: The sides of the patches that lie in the planes x = 0, y = 0 and z = 0.
+PLANES = {
+    "x = 0": (("y", "yz"), ("yz", "z")),
+    "y = 0": (("x", "zx"), ("z", "zx")),
+    "below": (("x", "xy"), ("xy", "y")),
+}
+
+
+def build(density: str = "medium", layers: int = LAYERS) -> None:
+    """Build and mesh the two spheres in the current gmsh model.
+
+    Args:
+        density: A key of :data:`DENSITIES`.
+        layers: Elements through each thickness.
+    """
+    groups: dict[str, list[int]] = {name: [] for name in TAGS}
+    volumes = []
+    names = (("below", "inner contact"), ("outer contact", "top"))
+    for radii, n, surfaces in zip(pairwise(RADII), DENSITIES[density], names, strict=True):
+        shell = _Shell(radii, n, layers)
+        volumes += [shell.patch(corners) for corners in PATCHES]
+        for side, name in enumerate(surfaces):
+            groups[name] += [shell.caps[side, corners] for corners in PATCHES]
+        for name, sides in PLANES.items():
+            groups[name] += [shell.walls[frozenset(ends)] for ends in sides]
+    gmsh.model.geo.synchronize()
+    for name, members in groups.items():
+        gmsh.model.addPhysicalGroup(2, members, TAGS[name], name)
+    gmsh.model.addPhysicalGroup(3, volumes, 1, "spheres")
+    gmsh.model.mesh.generate(3)
+
+
+class _Shell:
+    """One sphere's octant between two radii."""
+
+    def __init__(self, radii: tuple[float, float], n: int, layers: int) -> None:
+        self._n, self._layers, self._geo = n, layers, gmsh.model.geo
+        self._center = self._geo.addPoint(0.0, 0.0, 0.0)
+        self._points = {}
+        for side, radius in enumerate(radii):
+            for name, direction in POINTS.items():
+                length = sum(d * d for d in direction) ** 0.5
+                place = (radius * d / length for d in direction)
+                self._points[side, name] = self._geo.addPoint(*place)
+        self._lines: dict[object, tuple[int, str]] = {}
+        self.caps: dict[object, int] = {}
+        self.walls: dict[object, int] = {}
+
+    def patch(self, corners: tuple[str, ...]) -> int:
+        """Make the hexahedral volume over one patch."""
+        sides = list(pairwise((*corners, corners[0])))
+        for side in (0, 1):
+            arcs = [self._arc(side, start, end) for start, end in sides]
+            loop = self._geo.addCurveLoop(arcs)
+            self.caps[side, corners] = self._geo.addSurfaceFilling(
+                [loop], sphereCenterTag=self._center
+            )
+        surfaces = [self.caps[0, corners], self.caps[1, corners]]
+        surfaces += [self._wall(start, end) for start, end in sides]
+        for surface in surfaces:
+            self._geo.mesh.setTransfiniteSurface(surface)
+            self._geo.mesh.setRecombine(2, surface)
+        volume = self._geo.addVolume([self._geo.addSurfaceLoop(surfaces)])
+        self._geo.mesh.setTransfiniteVolume(volume)
+        return volume
+
+    def _arc(self, side: int, start: str, end: str) -> int:
+        """Return the arc from start to end, negative where it was made the other way."""
+        key = (side, frozenset((start, end)))
+        if key not in self._lines:
+            ends = self._points[side, start], self._points[side, end]
+            line = self._geo.addCircleArc(ends[0], self._center, ends[1])
+            self._geo.mesh.setTransfiniteCurve(line, self._n + 1)
+            self._lines[key] = line, start
+        line, first = self._lines[key]
+        return line if first == start else -line
+
+    def _radial(self, name: str) -> int:
+        """Return the line through the thickness."""
+        if name not in self._lines:
+            line = self._geo.addLine(self._points[0, name], self._points[1, name])
+            self._geo.mesh.setTransfiniteCurve(line, self._layers + 1)
+            self._lines[name] = line, name
+        return self._lines[name][0]
+
+    def _wall(self, start: str, end: str) -> int:
+        """Return the plane surface through the thickness over an arc."""
+        key = frozenset((start, end))
+        if key not in self.walls:
+            loop = (
+                self._arc(0, start, end),
+                self._radial(end),
+                -self._arc(1, start, end),
+                -self._radial(start),
+            )
+            self.walls[key] = self._geo.addPlaneSurface([self._geo.addCurveLoop(list(loop))])
+        return self.walls[key]
+
+
+def main() -> None:
+    """Write a mesh file."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--density", choices=DENSITIES, default="medium")
+    parser.add_argument("--layers", type=int, default=LAYERS)
+    parser.add_argument("path")
+    arguments = parser.parse_args()
+    gmsh.initialize()
+    build(arguments.density, arguments.layers)
+    gmsh.write(arguments.path)
+    gmsh.finalize()
+
+
+if __name__ == "__main__":
+    main()
