@@ -2,6 +2,7 @@
 """Exact frictional contact for DOLFINx: stick predictor, slip corrector, certificate."""
 
 from . import bulk, laws
+from .adjust import close_initial_gaps
 from .certificate import OPEN, SLIP, STICK, Certificate
 from .checkpoint import read_checkpoint, write_checkpoint
 from .contact import Contact
@@ -71,6 +72,7 @@ __all__ = [
     "SubstepReport",
     "bulk",
     "check_jacobian",
+    "close_initial_gaps",
     "laws",
     "read_checkpoint",
     "write_checkpoint",

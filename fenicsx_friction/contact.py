@@ -22,6 +22,8 @@ from .surface import ContactSurface
 
 #: A node with slip rows this fraction outside the cone is at a false root.
 FALSE_ROOT = 1e-6
+#: A node touches at gaps below this fraction of its facets' size.
+TOUCH = 1e-8
 
 
 class Contact:
@@ -307,6 +309,19 @@ class Contact:
         diagonal = stiffness_diagonal.x.array.reshape(-1, bs)[self._parent_dofs].mean(axis=1)
         self.r.x.array[:] = diagonal / self.surface.area.x.array
         self.r.x.scatter_forward()
+
+    def close_touching(self) -> None:
+        """Start nodes that touch, but for rounding, as closed ones.
+
+        Open at the first iteration, they would hold a body that nothing else holds too late.
+        """
+        gap = self.nodal().gap
+        n, d = len(gap), self.surface.mesh.geometry.dim
+        touch = TOUCH * self.surface.area.x.array[:n] ** (1.0 / (d - 1))
+        c_n = self.c.x.array[: n * d : d]
+        touching = (c_n == 0.0) & (abs(gap) < touch) & (self.free.x.array[: n * d : d] > 0.5)
+        c_n[touching] = 2.0 * self.r.x.array[:n][touching] * touch[touching]
+        self.c.x.scatter_forward()
 
     def scale_r(self, factor: float) -> None:
         """Multiply ``r_p`` at all nodes."""

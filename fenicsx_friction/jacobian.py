@@ -11,7 +11,6 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from dolfinx.fem.petsc import assign
 
 from . import state
 from .certificate import OPEN, SLIP, STICK, UNLIMITED
@@ -309,7 +308,12 @@ def _compare(
         move(t)
         forms = substep.problem.F
         assert isinstance(forms, Sequence)
-        return [assemble_owned(form) for form in forms]
+        if problem.coupling is not None:
+            problem.coupling.update()
+        rows = [assemble_owned(form) for form in forms]
+        if problem.coupling is not None:
+            rows[0] += problem.coupling.momentum()
+        return rows
 
     def derivative(t: float) -> list[Array]:
         """Return the Jacobian there times the direction."""
@@ -335,14 +339,12 @@ def _derivative(
     problem: FrictionalContactProblem, substep: Substep, direction: list[Array]
 ) -> list[Array]:
     """Return the Jacobian times the direction, one array of owned rows a block."""
-    system = substep.problem
-    assign(system.u, system.x)
-    system.solver.computeJacobian(system.x, system.A)
+    matrix = substep.jacobian()
     maps = [(f.function_space.dofmap.index_map, f.function_space.dofmap) for f in problem.state]
     sizes = [index_map.size_local * dofmap.index_map_bs for index_map, dofmap in maps]
-    d, product = system.A.createVecs()
+    d, product = matrix.createVecs()
     d.array[:] = np.concatenate([v[:n] for v, n in zip(direction, sizes, strict=True)])
-    system.A.mult(d, product)
+    matrix.mult(d, product)
     parts = np.split(product.array.copy(), np.cumsum(sizes)[:-1])
     d.destroy()
     product.destroy()

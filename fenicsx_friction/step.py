@@ -79,6 +79,7 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
         if attempt is not None:
             for k in problem.contacts:
                 k.obstacle.anchor()
+                k.close_touching()
             with _scaled(problem, attempt.r_factor):
                 substeps += _correct(problem, attempt, forces)
                 substeps += _settle(problem, attempt, forces)

@@ -135,6 +135,16 @@ class Substep:
         self.residual_norms()
         return self.problem.b.copy()
 
+    def jacobian(self) -> PETSc.Mat:
+        """Assemble the matrix of Newton's method at the current unknowns; the SNES owns it."""
+        problem = self.problem
+        assign(problem.u, problem.x)
+        if self._coupled is not None:
+            self._coupled.prepare(problem.solver, problem.x)
+        matrix = problem.solver.getJacobian()[0]
+        problem.solver.computeJacobian(problem.x, matrix)
+        return matrix
+
     def residual_norms(self) -> tuple[float, float]:
         """Return 2-norm and largest entry of the residual (N) at the current unknowns."""
         problem = self.problem

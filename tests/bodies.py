@@ -15,9 +15,7 @@ from models import tagged_facets
 
 def joined(comm, *parts):
     """Join meshes made on MPI.COMM_SELF to one without connecting them."""
-    domain = basix.ufl.element(
-        "Lagrange", parts[0].basix_cell(), 1, shape=(parts[0].geometry.dim,)
-    )
+    domain = basix.ufl.element("Lagrange", parts[0].basix_cell(), 1, shape=(parts[0].geometry.dim,))
     nodes, cells, start = [], [], 0
     for part in parts:
         nodes.append(part.geometry.x[:, : part.geometry.dim])
