@@ -46,7 +46,9 @@ def close_initial_gaps(
         SearchPolicy(reach=reach),
         np.zeros(len(x), dtype=bool),
     )
-    there = blend(shape_matrix(faces.cell, pairs.xi), faces.X[faces.faces[pairs.face]])
+    # Into the faces: nodes on a symmetry plane stay on it.
+    xi = faces.cell.inside(pairs.xi)
+    there = blend(shape_matrix(faces.cell, xi), faces.X[faces.faces[pairs.face]])
     way = nodes.gather(np.where(pairs.paired[:, None], there - x, 0.0))
     dofs = surface.parent_dofs(V)
     everywhere = surface.S.dofmap.index_map.local_to_global(np.arange(len(dofs), dtype=np.int32))

@@ -146,9 +146,9 @@ class Contact:
         H = laws.closed(self.kinematics.gap, self.c[0], self.r)
         return self._rows(eps, laws.stick_row(self._slip, self._c_t, self.r, H))
 
-    def projection_rows(self, eps: Expr) -> Expr:
-        """Rows of the natural map."""
-        limit = self._limit(laws.ramp(self.c[0] - self.r * self.kinematics.gap, eps))
+    def projection_rows(self, eps: Expr, xi: Expr) -> Expr:
+        """Rows of the natural map, of the fraction ``1 - xi`` of the friction."""
+        limit = (1.0 - xi) * self._limit(laws.ramp(self.c[0] - self.r * self.kinematics.gap, eps))
         return self._rows(eps, self.friction.row(self._slip, self._c_t, limit, self.r, eps))
 
     def slip_rows(self, eps: Expr, xi: Expr, sign: float) -> Expr:

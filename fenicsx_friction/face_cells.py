@@ -42,6 +42,10 @@ class FaceCell(ABC):
     def overhang(self, xi: Array) -> Array:
         """Return how far points are outside, in reference lengths, zero inside; one row a point."""
 
+    def inside(self, xi: Array) -> Array:
+        """Return points moved into the face from where they overhang, along its coordinates."""
+        return np.clip(xi, 0.0, 1.0)
+
     def twist(self) -> list[float] | None:
         """Return the mixed second derivatives of the shape functions, if there are any."""
         return None
@@ -84,6 +88,11 @@ class Triangle(FaceCell):
         """Return how far points are outside."""
         outside = np.column_stack([-xi, xi.sum(axis=1) - 1.0])
         return np.maximum(np.max(outside, axis=1), 0.0)
+
+    def inside(self, xi: Array) -> Array:
+        """Return points moved into the triangle."""
+        positive = np.maximum(xi, 0.0)
+        return np.asarray(positive / np.maximum(positive.sum(axis=1, keepdims=True), 1.0))
 
 
 class Quadrilateral(FaceCell):

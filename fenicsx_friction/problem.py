@@ -125,7 +125,7 @@ class FrictionalContactProblem:
         sign = float(self.settings.ramp_sign)
         self.stick = substep("stick", lambda k: k.stick_rows(self._eps))
         self.slip = substep("slip", lambda k: k.slip_rows(self._eps, self._xi, sign))
-        self.projection = substep("projection", lambda k: k.projection_rows(self._eps))
+        self.projection = substep("projection", lambda k: k.projection_rows(self._eps, self._xi))
 
     def solve(self) -> StepReport:
         """Solve one increment to the current loads, certify it and commit it.

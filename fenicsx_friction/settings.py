@@ -24,6 +24,8 @@ class StepSettings:
             :func:`fenicsx_friction.laws.blended_slip`.
         normal: Normal complementarity function, ``"chen-mangasarian"`` (the paper's),
             ``"fischer-burmeister"`` or ``"min"``.
+        fallbacks: How many further ways to try when full Newton steps fail; all by default. Where a
+            step can be cut instead, few are cheaper, see :data:`fenicsx_friction.step.FALLBACKS`.
         raise_on_uncertified: Raise :class:`~fenicsx_friction.errors.StepFailed`, or else return
             the report with ``certified == False``. The state is the last accepted one either way.
     """
@@ -35,6 +37,7 @@ class StepSettings:
     ramp_nodes: Literal["violated", "all"] = "violated"
     ramp_sign: Literal[-1, 1] = -1
     normal: Literal["chen-mangasarian", "fischer-burmeister", "min"] = "chen-mangasarian"
+    fallbacks: int | None = None
     raise_on_uncertified: bool = True
 
     def __post_init__(self) -> None:
@@ -50,5 +53,7 @@ class StepSettings:
                 raise ContactInputError(f"{name} = {value!r} must be one of {allowed}.")
         if not 0.0 < self.tolerance < 1.0:
             raise ContactInputError(f"tolerance = {self.tolerance} must lie in (0, 1).")
+        if self.fallbacks is not None and self.fallbacks < 0:
+            raise ContactInputError(f"fallbacks = {self.fallbacks} must be >= 0, or None for all.")
         if self.predictor_iterations < 1 or self.smoothing < 0.0:
             raise ContactInputError("predictor_iterations must be >= 1 and smoothing >= 0.")

@@ -36,6 +36,8 @@ SMALLEST_EPS = 1e-9
 SMALLEST_CONTINUATION = 1e-4
 #: Searches for the faces that nodes meet, each but the last followed by a solve.
 MAX_SEARCHES = 6
+#: Smallest part of the friction that is added at once.
+SMALLEST_REDUCTION = 1e-3
 #: A stage with at most this many iterations lets the next reduction be bolder.
 EASY_STAGE = 1
 
@@ -53,9 +55,12 @@ class Attempt:
 
 #: Full Newton steps first; the others cost more and are for steep loads and high friction.
 FALLBACKS = (
+    Attempt("projection", predictor_iterations=0),
+    Attempt("friction"),
     Attempt("projection", "bt", max_it=40, predictor_iterations=4),
     Attempt("smoothing"),
     Attempt("continuation"),
+    Attempt("projection", r_factor=10.0, max_it=100),
     Attempt("projection", "bt", r_factor=10.0, max_it=100, predictor_iterations=2),
     Attempt("ramp", "bt", max_it=60, predictor_iterations=4),
 )
@@ -74,7 +79,8 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
     largest = max(largest, RESOLUTION * problem.stiffness_force())
     forces = max(forces, largest)
     substeps: list[SubstepReport] = []
-    for attempt in (None, Attempt(problem.settings.corrector), *FALLBACKS):
+    fallbacks = FALLBACKS[: problem.settings.fallbacks]
+    for attempt in (None, Attempt(problem.settings.corrector), *fallbacks):
         state.restore(problem.state, start)
         if attempt is not None:
             for k in problem.contacts:
@@ -122,17 +128,19 @@ def _correct(
         return _continue(problem, forces)
     if attempt.corrector == "smoothing":
         return _smooth(problem, forces)
+    if attempt.corrector == "friction":
+        return _add_friction(problem, forces)
     start = state.save(problem.state)
     eps = problem.settings.smoothing * _expected_traction(problem, forces)
-    predictor = problem.run(
-        problem.stick,
-        STAGE_TOLERANCE * forces,
-        eps=eps,
-        max_it=attempt.predictor_iterations or problem.settings.predictor_iterations,
-    )
-    if not np.all(np.isfinite(predictor.residuals)) or "LINEAR" in predictor.reason:
-        state.restore(problem.state, start)
-    reports = [predictor]
+    iterations = attempt.predictor_iterations
+    if iterations is None:
+        iterations = problem.settings.predictor_iterations
+    reports = []
+    if iterations > 0:
+        predictor = problem.run(problem.stick, STAGE_TOLERANCE * forces, eps=eps, max_it=iterations)
+        if not np.all(np.isfinite(predictor.residuals)) or "LINEAR" in predictor.reason:
+            state.restore(problem.state, start)
+        reports.append(predictor)
     if attempt.corrector == "ramp":
         reports += _ramp(problem, attempt, forces, eps)
     reports.append(
@@ -222,6 +230,31 @@ def _smooth(problem: FrictionalContactProblem, forces: float) -> list[SubstepRep
     reports.append(
         problem.run(problem.projection, NEWTON_TOLERANCE * forces, line_search="bt", max_it=100)
     )
+    return reports
+
+
+def _add_friction(problem: FrictionalContactProblem, forces: float) -> list[SubstepReport]:
+    """Solve without friction, then add it bit by bit.
+
+    From a state that only touches, the tip of the cone at every node, friction sends Newton
+    anywhere; the pressures of the frictionless solution tell which nodes are closed.
+    """
+    reports: list[SubstepReport] = []
+    xi, reduction, good = 1.0, 1.0, state.save(problem.state)
+    while reduction > SMALLEST_REDUCTION:
+        report = problem.run(problem.projection, NEWTON_TOLERANCE * forces, xi=xi)
+        reports.append(report)
+        if report.converged:
+            good, last = state.save(problem.state), xi
+            if xi == 0.0:
+                break
+            reduction = min(2.0 * reduction, last)
+        elif xi == 1.0:
+            break
+        else:
+            state.restore(problem.state, good)
+            reduction /= 4.0
+        xi = max(last - reduction, 0.0)
     return reports
 
 
