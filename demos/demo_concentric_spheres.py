@@ -72,9 +72,9 @@ class Model:
 # nodes meet the faces of the other. On curved surfaces faces that do not match cut through each
 # other: `close_initial_gaps` puts the nodes on the faces, without strain.
 #
-# One contact needs thought. At the rims both spheres may stand on the lower plane, and stick to each
-# other *along its normal*: then forces of friction and of the plane cannot be told apart and the
-# system is singular. There is no friction at the nodes of the rim, therefore.
+# One contact needs thought. At the rims both spheres may stand on the lower plane and stick to
+# each other *along its normal*: then forces of friction and of the plane cannot be told apart, and
+# the system is singular. There is no friction at the nodes of the rim, therefore.
 
 
 def build(density: str, mu: float, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Model:
@@ -124,7 +124,7 @@ def build(density: str, mu: float, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Mode
         contact=[spheres, upper, lower],
         bcs=bcs,
         petsc_options_prefix=f"spheres_{density}_{mu:g}_",
-        settings=ff.StepSettings(fallbacks=2),  # a step can be cut instead
+        settings=ff.StepSettings(fallbacks=4),  # a step can be cut instead
     )
     return Model(problem, spheres, upper, motion)
 

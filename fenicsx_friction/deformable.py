@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Deformable obstacles: the surface of another body, met node to face."""
 
+import warnings
+
 from mpi4py import MPI
 
 import basix.ufl
@@ -19,6 +21,8 @@ from .surface import ContactSurface
 
 #: Searches of a step after which nodes keep a face that they have just left.
 PATIENCE = 2
+#: Ratio of face sizes from which the secondary surface should be the primary one.
+COARSE = 1.5
 #: Nodes of a face with less weight have no part in a contact on its edge.
 WEIGHTLESS = 1e-8
 
@@ -64,6 +68,13 @@ class DeformableObstacle(Obstacle):
         d = surface.mesh.geometry.dim
         self._d, self._u, self._u_old, self._hint, self._c = d, u, u_old, hint, c
         self.faces, self._secondary = FaceSet(self.primary, u), FaceSet(surface, u)
+        if self._secondary.size > COARSE * self.faces.size:
+            warnings.warn(
+                f"The secondary surface '{surface.name}' is coarser (faces of "
+                f"{self._secondary.size:.3g} m) than the primary one '{self.primary.name}' "
+                f"({self.faces.size:.3g} m): its pressures may chatter; swap them.",
+                stacklevel=2,
+            )
         n = surface.num_owned
         self._nodes = surface.parent_dofs(u.function_space)[:n]
         self._kernel = PairKernel(surface.mesh.comm, self.faces.cell, d, n)

@@ -123,9 +123,10 @@ class FrictionalContactProblem:
             )
 
         sign = float(self.settings.ramp_sign)
-        self.stick = substep("stick", lambda k: k.stick_rows(self._eps))
-        self.slip = substep("slip", lambda k: k.slip_rows(self._eps, self._xi, sign))
-        self.projection = substep("projection", lambda k: k.projection_rows(self._eps, self._xi))
+        eps, xi = self._eps, self._xi  # not self: no reference cycle, see Substep.problem
+        self.stick = substep("stick", lambda k: k.stick_rows(eps))
+        self.slip = substep("slip", lambda k: k.slip_rows(eps, xi, sign))
+        self.projection = substep("projection", lambda k: k.projection_rows(eps, xi))
 
     def solve(self) -> StepReport:
         """Solve one increment to the current loads, certify it and commit it.

@@ -101,3 +101,37 @@ def test_custom_friction_law_quick_matches_its_closed_form(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     assert list(tmp_path.glob("*.png"))
     assert "not certif" in done.stdout.lower() or "certifiable" in done.stdout.lower()
+
+
+def test_sweeping_slides_at_low_friction_and_turns(tmp_path):
+    done = run(DEMOS / "demo_sweeping.py", "--mu", 0.2, 2, "--steps", 5, "--output", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    low, high = (rows(tmp_path / f"mu{mu}" / "history.csv") for mu in ("0.2", "2"))
+    assert max(float(row["certificate"]) for row in low + high) < 1e-9
+    at = lambda table, time: next(r for r in table if abs(float(r["time"]) - time) < 1e-9)  # noqa: E731
+    assert int(at(low, 1.1)["stick"]) > 40
+    assert int(at(high, 1.1)["stick"]) == 45
+    # Coulomb's bound in full slip, more friction and a lower normal reaction with the higher mu.
+    sliding = at(low, 2.0)
+    assert int(sliding["stick"]) == 0
+    assert float(sliding["tangential_N"]) == pytest.approx(
+        0.2 * float(sliding["normal_N"]), rel=0.1
+    )
+    assert float(at(high, 2.0)["tangential_N"]) > float(sliding["tangential_N"])
+    assert float(at(high, 2.0)["normal_N"]) < float(sliding["normal_N"])
+    assert float(low[-1]["tangential_N"]) < 0.0 < float(sliding["tangential_N"])
+    assert len(list(tmp_path.glob("**/*.png"))) == 2 * 2 * 5 + 1
+
+
+@pytest.mark.parametrize("mu", [0, 0.5])
+def test_concentric_spheres_begin_among_published_forces(mu, tmp_path):
+    """The coarse mesh, to 1 mm: within the spread of four codes widened by a tenth."""
+    arguments = ("--mu", mu, "--end", 1.0, "--output", tmp_path)
+    done = run(DEMOS / "demo_concentric_spheres.py", *arguments)
+    assert done.returncode == 0, done.stdout + done.stderr
+    table = rows(tmp_path / f"coarse_mu{mu}" / "force.csv")
+    assert max(float(row["certificate"]) for row in table) < 1e-9
+    assert float(table[-1]["force_N"]) == pytest.approx(float(table[-1]["lower_force_N"]), rel=1e-9)
+    low, high = {0: (0.158, 0.374), 0.5: (0.315, 0.365)}[mu]
+    assert 0.9 * low < float(table[-1]["force_N"]) < 1.1 * high
+    assert (tmp_path / f"coarse_mu{mu}" / "configuration_01.0mm.png").stat().st_size > 10_000

@@ -6,6 +6,7 @@ import weakref
 import pytest
 
 import fenicsx_friction as ff
+from bodies import stack
 from fenicsx_friction import laws, substep
 from models import raous
 
@@ -57,4 +58,13 @@ def test_failed_step_keeps_nothing(alive, monkeypatch):
 
     assert fail()
     assert alive()
+    assert not any(alive())
+
+
+def test_pairs_keep_nothing(alive):
+    model = stack(0.5, "lifetime_pairs_")
+    model.move(0.0, 0.0, -0.01)
+    model.problem.solve()
+    assert any(alive())
+    del model
     assert not any(alive())
