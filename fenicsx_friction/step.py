@@ -55,9 +55,9 @@ class Attempt:
 
 #: Full Newton steps first; the others cost more and are for steep loads and high friction.
 FALLBACKS = (
+    Attempt("projection", "bt", max_it=40, predictor_iterations=4),
     Attempt("projection", predictor_iterations=0),
     Attempt("friction"),
-    Attempt("projection", "bt", max_it=40, predictor_iterations=4),
     Attempt("smoothing"),
     Attempt("continuation"),
     Attempt("projection", r_factor=10.0, max_it=100),
