@@ -16,8 +16,9 @@ Mask = npt.NDArray[np.bool_]
 def choose_hints(normals: Array, fixed: Mask) -> Array:
     """Choose the axis whose tangential part becomes the first tangent of each node.
 
-    It is the prescribed axis where exactly one is prescribed, so that one multiplier alone belongs
-    to the prescribed direction; else the axis most tangential to the surface.
+    It is the prescribed axis where exactly one is prescribed and is not the normal, so that one
+    multiplier alone belongs to the prescribed direction; else the axis most tangential to the
+    surface.
 
     Args:
         normals: Unit normals, one row a node.
@@ -26,7 +27,7 @@ def choose_hints(normals: Array, fixed: Mask) -> Array:
     Returns:
         Unit vectors along coordinate axes, one row a node.
     """
-    single = fixed.sum(axis=1) == 1
+    single = (fixed.sum(axis=1) == 1) & ~_is_held(normals, fixed)
     axis = np.where(single, fixed.argmax(axis=1), abs(normals).argmin(axis=1))
     return np.asarray(np.eye(normals.shape[1])[axis])
 
@@ -50,9 +51,13 @@ def pinned_directions(normals: Array, fixed: Mask) -> Mask:
     Returns:
         One row a node, normal first.
     """
-    held_normal = np.linalg.norm(np.where(fixed, 0.0, normals), axis=1) < PRESCRIBED_NORMAL
     pinned = np.zeros_like(fixed)
     for k in range(1, fixed.shape[1]):
         pinned[:, k] = fixed.sum(axis=1) >= k
-    pinned[held_normal] = True
+    pinned[_is_held(normals, fixed)] = True
     return pinned
+
+
+def _is_held(normals: Array, fixed: Mask) -> Mask:
+    """Tell where the displacement along the normal is prescribed."""
+    return np.asarray(np.linalg.norm(np.where(fixed, 0.0, normals), axis=1) < PRESCRIBED_NORMAL)
