@@ -23,6 +23,7 @@ from .motion import RigidMotion
 from .obstacles import ImplicitObstacle, RigidCylinder, RigidObstacle, RigidPlane, RigidSphere
 from .output import ContactFields
 from .problem import FrictionalContactProblem
+from .relaxation import ViscousRelaxation
 from .report import ContactReport, FailedAttempt, StepRecord, StepReport
 from .search import SearchPolicy
 from .settings import StepSettings
@@ -70,6 +71,7 @@ __all__ = [
     "StepSettings",
     "StepperFailed",
     "SubstepReport",
+    "ViscousRelaxation",
     "bulk",
     "check_jacobian",
     "close_initial_gaps",

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Energy audit: external work = stored energy + dissipation + defect, step by step."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -31,12 +33,23 @@ class EnergyBalance:
     smallest_dissipation: float
     contact_work: float
 
+    def __add__(self, other: EnergyBalance) -> EnergyBalance:
+        """Return the balance of both steps together."""
+        return EnergyBalance(
+            self.external_work + other.external_work,
+            self.stored + other.stored,
+            self.dissipation + other.dissipation,
+            min(self.smallest_dissipation, other.smallest_dissipation),
+            self.contact_work + other.contact_work,
+        )
+
     @property
     def defect(self) -> float:
         """``external_work - stored - dissipation``: what finite steps miss.
 
         The law is fulfilled at the end of the step, work is done along it: for a body with
         quadratic energy the defect is ``-contact_work - dissipation``; it vanishes with the step.
+        Where a body snaps, it is the energy set free.
         """
         return self.external_work - self.stored - self.dissipation
 

@@ -94,6 +94,8 @@ class StepRecord:
         error: Relative step-doubling error of the tractions, of the pair of half steps this is
             one of, or ``None`` without error control.
         failed: The larger steps that were tried in vain before.
+        relaxed: Increments of viscous relaxation that the step took, 0 where it was solved at once.
+            The totals of ``report`` and its certificate are of the last one, without damping.
     """
 
     time: float
@@ -103,3 +105,4 @@ class StepRecord:
     events: list[Event]
     error: float | None = None
     failed: tuple[FailedAttempt, ...] = ()
+    relaxed: int = 0

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NoReturn
 
 from mpi4py import MPI
 
@@ -17,10 +18,11 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from .collective import on_all_ranks
 from .diagnosis import SMALLER_STEP, NodeWatch
-from .energy import EnergyAudit
+from .energy import EnergyAudit, EnergyBalance
 from .errors import ContactInputError, StepFailed
 from .events import EventLog, find_events
 from .problem import FrictionalContactProblem
+from .relaxation import ViscousRelaxation
 from .report import FailedAttempt, StepRecord, StepReport
 from .state import ProblemSnapshot
 
@@ -78,9 +80,10 @@ class _Solved:
     time: float
     step: float
     report: StepReport
-    state: ProblemSnapshot | None = None
+    states: tuple[ProblemSnapshot, ...] = ()
     error: float | None = None
     failed: tuple[FailedAttempt, ...] = ()
+    relaxed: int = 0
 
 
 class LoadStepper:
@@ -112,6 +115,8 @@ class LoadStepper:
         update: Called after each solved step, rejected ones included, to change ``history``.
         audit: Audits each accepted step.
         events: File for the events, see :class:`~fenicsx_friction.events.EventLog`.
+        relaxation: Takes the body on where the smallest step fails; the problem's residual must
+            contain its, see :class:`~fenicsx_friction.relaxation.ViscousRelaxation`.
         progress: Show the progress on a terminal.
 
     Attributes:
@@ -136,6 +141,7 @@ class LoadStepper:
         update: Callable[[], None] | None = None,
         audit: EnergyAudit | None = None,
         events: str | Path | None = None,
+        relaxation: ViscousRelaxation | None = None,
         progress: bool = True,
     ) -> None:
         self.problem, self.loads, self.time, self.end = problem, loads, start, end
@@ -145,6 +151,7 @@ class LoadStepper:
         self._check(stops)
         self._stops = [*sorted({t for t in stops if t < end}), end]
         self._history, self._update, self._audit = history, update, audit
+        self._relaxation = relaxation
         self._log = None if events is None else EventLog(events, problem)
         self._watch = NodeWatch(problem)
         self._solved: list[_Solved] = []
@@ -180,6 +187,8 @@ class LoadStepper:
             except StepFailed as failure:
                 failed += (FailedAttempt(goal, step, str(failure).split(";")[0]),)
                 self._go_back(last)
+                if self._relaxation is not None and self._is_stuck(step, failure):
+                    return [replace(self._relax(goal, last, failure, failed), failed=failed)]
                 self._cut(step, failure, failed)
             except BaseException:
                 self._go_back(last)
@@ -208,7 +217,7 @@ class LoadStepper:
         halves = []
         for begin, end in pairwise((self.time, (self.time + goal) / 2.0, goal)):
             half = self._advance(begin, end)
-            halves.append(replace(half, state=ProblemSnapshot(self.problem, self._history)))
+            halves.append(replace(half, states=(ProblemSnapshot(self.problem, self._history),)))
             tractions.append(self._tractions())
         error = self._relative_error(*tractions)
         if error > self.error:
@@ -231,20 +240,71 @@ class LoadStepper:
             self._update()
         return _Solved(end, end - begin, report)
 
+    def _is_stuck(self, step: float, failure: StepFailed) -> bool:
+        """Tell whether the smallest step has no solution."""
+        return step <= self.smallest * (1.0 + SLIVER) and not isinstance(failure, _Inaccurate)
+
+    def _relax(
+        self,
+        goal: float,
+        last: ProblemSnapshot,
+        failure: StepFailed,
+        failed: tuple[FailedAttempt, ...],
+    ) -> _Solved:
+        """Let the problem creep to its next equilibrium under the loads of the goal."""
+        assert self._relaxation is not None
+        states: list[ProblemSnapshot] = []
+
+        def accepted() -> None:
+            """Keep the increment."""
+            if self._update is not None:
+                self._update()
+            states.append(ProblemSnapshot(self.problem, self._history))
+
+        try:
+            self._apply(goal)
+            self.problem.dt.value = np.asarray(goal - self.time)
+            with self._watch.watching():
+                report, increments = self._relaxation.settle(self.problem, accepted)
+        except StepFailed as error:
+            self._go_back(last)
+            self._give_up(error, failed)
+        except BaseException:
+            self._go_back(last)
+            raise
+        self.next_step = max(failed[0].step * CUT, self.smallest)
+        return _Solved(goal, goal - self.time, report, tuple(states), relaxed=increments)
+
     def _accept(self, solved: _Solved) -> StepRecord:
         """Put the problem at the end of a solved step, audit it and log its events."""
-        if solved.state is not None:
-            solved.state.restore()
-            self._apply(solved.time)
+        energy = self._audited(solved)
         self.time = solved.time
-        energy = None if self._audit is None else self._audit.update()
         events = find_events(self.problem, self._before)
         self._before = self.problem.accepted
         if self._log is not None:
             self._log.write(events)
         return StepRecord(
-            solved.time, solved.step, solved.report, energy, events, solved.error, solved.failed
+            solved.time,
+            solved.step,
+            solved.report,
+            energy,
+            events,
+            solved.error,
+            solved.failed,
+            solved.relaxed,
         )
+
+    def _audited(self, solved: _Solved) -> EnergyBalance | None:
+        """Go through the increments of a solved step again, if it has several, and add them up."""
+        if solved.states:
+            self._apply(solved.time)
+        balances = []
+        for state in solved.states or (None,):
+            if state is not None:
+                state.restore()
+            if self._audit is not None:
+                balances.append(self._audit.update())
+        return None if self._audit is None else sum(balances[1:], balances[0])
 
     def _apply(self, time: float) -> None:
         """Set the loads; an exception on one rank is one on all."""
@@ -264,8 +324,12 @@ class LoadStepper:
         factor = failure.factor if isinstance(failure, _Inaccurate) else CUT
         self.next_step = max(step * factor, self.smallest)
         if step <= self.smallest * (1.0 + SLIVER):
-            message = "\n".join(self._explain(failure, failed))
-            raise StepperFailed(message, failure.report, self.time, failed) from failure
+            self._give_up(failure, failed)
+
+    def _give_up(self, failure: StepFailed, failed: tuple[FailedAttempt, ...]) -> NoReturn:
+        """Raise the failure of the path."""
+        message = "\n".join(self._explain(failure, failed))
+        raise StepperFailed(message, failure.report, self.time, failed) from failure
 
     def _adapt(self, solved: Sequence[_Solved], step: float, *, cut: bool) -> None:
         """Choose the next step after a solved one: larger after an easy one that was not cut."""

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: MIT
+"""Viscous relaxation: from a limit point, where a body snaps, to the next equilibrium."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import default_scalar_type, fem
+from ufl.core.expr import Expr
+
+from .errors import StepFailed
+from .report import StepReport
+
+if TYPE_CHECKING:
+    from .problem import FrictionalContactProblem
+
+#: First damping, in units of the stiffness of a cell at the contact surface.
+FIRST = 0.01
+#: Factors of the damping after an increment and after a failure.
+LESS, MORE = 0.3, 4.0
+#: Largest damping in the same unit: at it nothing moves any more.
+MOST = 100.0
+#: Increments that are tried at most, the failed ones included.
+MAX_INCREMENTS = 100
+#: Ways to solve tried in a damped increment; more damping is cheaper than more ways.
+FALLBACKS = 1
+
+
+class ViscousRelaxation:
+    """Lets a body that has no equilibrium nearby creep to the next one, at fixed loads.
+
+    Beyond a limit point a quasi-static path ends: the body snaps, and what it does until it rests
+    is dynamics. The relaxation replaces these by viscous forces ``eta (u - reference)`` a volume::
+
+        relaxation = ff.ViscousRelaxation(u)
+        F = internal + relaxation.residual(v)
+        stepper = ff.LoadStepper(problem, loads, ..., relaxation=relaxation)
+
+    Where the smallest step fails, the stepper sets the loads of its end and makes damped increments
+    of an ever smaller ``eta``, and more after a failure. Each is a step with history: contact,
+    friction and slip path obey the unsmoothed law along the way. At last ``eta = 0``: only a state
+    that is certified without damping is accepted.
+
+    Args:
+        u: The displacement.
+
+    Attributes:
+        damping: ``eta`` (Pa/m²), zero outside the relaxation.
+        reference: The displacement of the last increment.
+    """
+
+    def __init__(self, u: fem.Function) -> None:
+        self._u = u
+        self.damping = fem.Constant(u.function_space.mesh, default_scalar_type(0.0))
+        self.reference = fem.Function(u.function_space, name="relaxation_reference")
+
+    def residual(self, v: Expr) -> ufl.Form:
+        """Return the virtual work of the viscous forces, to be added to the bulk residual."""
+        mesh = self._u.function_space.mesh
+        return ufl.inner(self.damping * (self._u - self.reference), v) * ufl.dx(mesh)
+
+    def settle(
+        self, problem: FrictionalContactProblem, accepted: Callable[[], None]
+    ) -> tuple[StepReport, int]:
+        """Take the problem from its last accepted state to equilibrium under the present loads.
+
+        Args:
+            problem: The problem, with the loads set.
+            accepted: Called after each increment.
+
+        Returns:
+            The report of the last increment, without damping, and the number of increments.
+
+        Raises:
+            StepFailed: If it does not get there; the problem is somewhere on the way.
+        """
+        settings = problem.settings
+        problem.settings = replace(settings, fallbacks=FALLBACKS, raise_on_uncertified=True)
+        try:
+            return self._creep(problem, accepted)
+        finally:
+            problem.settings = settings
+
+    def _creep(
+        self, problem: FrictionalContactProblem, accepted: Callable[[], None]
+    ) -> tuple[StepReport, int]:
+        """Make damped increments until one without damping succeeds."""
+        unit = _stiffness(problem)
+        eta, increments = FIRST * unit, 0
+        failure: StepFailed | None = None
+        for _ in range(MAX_INCREMENTS):
+            try:
+                self._solve(problem, eta)
+            except StepFailed as error:
+                failure, eta = error, eta * MORE
+                if eta > MOST * unit:
+                    break
+                continue
+            increments += 1
+            accepted()
+            eta *= LESS
+            try:
+                report = self._solve(problem, 0.0)
+            except StepFailed as error:
+                failure = error
+                continue
+            accepted()
+            return report, increments + 1
+        assert failure is not None
+        raise failure
+
+    def _solve(self, problem: FrictionalContactProblem, eta: float) -> StepReport:
+        """Make one increment at a damping; without one once it is over."""
+        self.reference.x.array[:] = self._u.x.array
+        self.damping.value = np.asarray(eta)
+        try:
+            return problem.solve()
+        finally:
+            self.damping.value = np.asarray(0.0)
+
+
+def _stiffness(problem: FrictionalContactProblem) -> float:
+    """Return the mean stiffness of the contact nodes over their volume (Pa/m²); collective."""
+    d = problem.u.function_space.mesh.geometry.dim
+    nodes = problem.nodal_states()
+    values = [s.r / s.area ** (1.0 / (d - 1)) for s in nodes]
+    local = np.array([sum(np.sum(v) for v in values), sum(len(v) for v in values)])
+    total, number = problem.comm.allreduce(local, MPI.SUM)
+    return float(total / number)
