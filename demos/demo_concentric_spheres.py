@@ -10,11 +10,12 @@
 #
 # SPDX-License-Identifier: MIT
 #
-# Two hollow half-spheres, one in the other, stand on a rigid plane and are pressed by another one
-# (Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193, 2004; section 4.3 of the paper). An
-# octant is modelled, neo-Hookean, E = 1 MPa, nu = 0.3, radii 10, 12 and 14 mm. The meshes do not
-# match. The inner sphere buckles; both planes are without friction, between the spheres there is
-# some. The demo writes the force of the upper plane against published ones, and pictures.
+# Two hollow spheres, one in the other, are pressed between rigid planes (Puso and Laursen, Comput.
+# Methods Appl. Mech. Engrg. 193, 2004; section 4.3 of the paper). An octant is modelled,
+# neo-Hookean, E = 1 MPa, nu = 0.3, radii 10, 12 and 14 mm. The meshes do not match. The inner
+# sphere buckles, snaps through and meets its mirror image, for which a rigid plane at z = 0 stands.
+# The planes are without friction, between the spheres there is some. The demo writes the force of
+# the upper plane against published ones, and pictures.
 #
 # ```
 # ./container python3 demos/demo_concentric_spheres.py --density coarse --mu 0 --end 6
@@ -23,7 +24,6 @@
 
 # +
 import argparse
-import csv
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,9 +35,10 @@ import gmsh
 import matplotlib
 import numpy as np
 import ufl
-from dolfinx import fem, io, plot
+from dolfinx import fem, io
 
 import fenicsx_friction as ff
+from deformable_output import draw_configuration, read_table, write_table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "meshes"))
 import concentric_spheres as geometry
@@ -60,6 +61,7 @@ class Model:
     spheres: ff.Contact
     upper: ff.Contact
     motion: ff.RigidMotion
+    relaxation: ff.ViscousRelaxation
 
     def press(self, displacement: float) -> None:
         """Lower the upper plane (mm)."""
@@ -72,9 +74,10 @@ class Model:
 # nodes meet the faces of the other. On curved surfaces faces that do not match cut through each
 # other: `close_initial_gaps` puts the nodes on the faces, without strain.
 #
-# One contact needs thought. At the rims both spheres may stand on the lower plane and stick to
-# each other *along its normal*: then forces of friction and of the plane cannot be told apart, and
-# the system is singular. There is no friction at the nodes of the rim, therefore.
+# The rims stay on the plane z = 0, as the symmetry of whole spheres demands. Rims that only stand
+# on it tilt and slide outwards after the snap: then the force falls where the published ones rise.
+#
+# At a snap there is no equilibrium nearby. `ViscousRelaxation` lets the spheres creep to the next.
 
 
 def build(density: str, mu: float, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Model:
@@ -94,18 +97,16 @@ def build(density: str, mu: float, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Mode
     u, v = fem.Function(V, name="u"), ufl.TestFunction(V)
     rubber = ff.bulk.neo_hooke_energy(u, ff.bulk.Elastic(E, NU))
     bcs = []
-    for axis, plane in enumerate(("x = 0", "y = 0")):
+    for axis, plane in enumerate(("x = 0", "y = 0", "z = 0")):
         W = V.sub(axis)
         dofs = fem.locate_dofs_topological(W, 2, tags.find(tag[plane]))
         bcs.append(fem.dirichletbc(0.0, dofs, W))
 
-    friction = fem.Function(fem.functionspace(msh, ("Lagrange", 1)), name="mu")
-    friction.interpolate(lambda x: np.where(x[2] < 1e-6, 0.0, mu))
     motion = ff.RigidMotion(msh)
     spheres = ff.Contact(
         ff.ContactSurface(msh, tags, tag[secondary], secondary),
         ff.DeformableObstacle(ff.ContactSurface(msh, tags, tag[primary], primary)),
-        ff.Coulomb(friction) if mu > 0.0 else ff.Frictionless(),
+        ff.Coulomb(mu) if mu > 0.0 else ff.Frictionless(),
     )
     height = geometry.RADII[-1]
     upper = ff.Contact(
@@ -113,20 +114,22 @@ def build(density: str, mu: float, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Mode
         ff.RigidPlane((0.0, 0.0, height), (0.0, 0.0, -1.0), motion=motion),
         ff.Frictionless(),
     )
-    lower = ff.Contact(  # with the inside: the inner sphere touches it after buckling
-        ff.ContactSurface(msh, tags, tag["below"], "lower plane"),
+    lower = ff.Contact(
+        ff.ContactSurface(msh, tags, tag["inside"], "inside"),
         ff.RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
         ff.Frictionless(),
     )
+    relaxation = ff.ViscousRelaxation(u)
+    internal = ufl.derivative(ff.bulk.stored_energy(rubber, ufl.dx), u, v)
     problem = ff.FrictionalContactProblem(
-        ufl.derivative(ff.bulk.stored_energy(rubber, ufl.dx), u, v),
+        internal + relaxation.residual(v),
         u,
         contact=[spheres, upper, lower],
         bcs=bcs,
         petsc_options_prefix=f"spheres_{density}_{mu:g}_",
-        settings=ff.StepSettings(fallbacks=4),  # a step can be cut instead
+        settings=ff.StepSettings(fallbacks=2),  # a step can be cut instead
     )
-    return Model(problem, spheres, upper, motion)
+    return Model(problem, spheres, upper, motion, relaxation)
 
 
 # ## The way down
@@ -139,7 +142,14 @@ def compress(
     comm, rows = model.problem.comm, []
     stops = [d for d in SHOWN if d < end]
     stepper = ff.LoadStepper(
-        model.problem, model.press, end=end, step=0.1, smallest=1e-4, largest=step, stops=stops
+        model.problem,
+        model.press,
+        end=end,
+        step=0.1,
+        smallest=0.02,
+        largest=step,
+        stops=stops,
+        relaxation=model.relaxation,
     )
     for record in stepper:
         spheres, upper, lower = record.report.contacts
@@ -147,12 +157,13 @@ def compress(
             {
                 "displacement_mm": record.time,
                 "force_N": -upper.force[2],
-                "lower_force_N": lower.force[2],
+                "inside_force_N": lower.force[2],
                 "open": spheres.open,
                 "stick": spheres.stick,
                 "slip": spheres.slip,
                 "iterations": record.report.iterations,
                 "cuts": len(record.failed),
+                "relaxed": record.relaxed,
                 "certificate": record.report.certificate.relative,
             }
         )
@@ -161,52 +172,23 @@ def compress(
             print(
                 f"{record.time:7.3f} mm  {rows[-1]['force_N']:7.4f} N  open/stick/slip "
                 f"{spheres.open}/{spheres.stick}/{spheres.slip}  "
-                f"{record.report.iterations} iterations  certificate "
+                f"{record.report.iterations} iterations  relaxed {record.relaxed}  certificate "
                 f"{record.report.certificate.relative:.0e}",
                 flush=True,
             )
         if output is not None and any(np.isclose(record.time, d) for d in [*stops, end]):
-            draw_configuration(model, output / f"configuration_{record.time:04.1f}mm.png")
+            draw_configuration(
+                model.problem.u,
+                output / f"configuration_{record.time:04.1f}mm.png",
+                component=2,
+                title="u_z (mm)",
+                limits=(-10.0, 0.0),
+                camera=((-32.0, -26.0, 14.0), (6.0, 6.0, 5.0), (0.0, 0.0, 1.0)),
+            )
     return rows
 
 
-def write_table(rows: Sequence[dict[str, float]], path: Path) -> None:
-    """Write the results as CSV."""
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 # ## Pictures
-
-
-def draw_configuration(model: Model, path: Path) -> None:
-    """Draw the deformed spheres, coloured by the vertical displacement."""
-    import pyvista
-
-    u = model.problem.u
-    grid = pyvista.UnstructuredGrid(*plot.vtk_mesh(u.function_space))
-    displacement = u.x.array.reshape(-1, 3)
-    grid.points = grid.points + displacement
-    grid["u_z (mm)"] = displacement[:, 2]
-    blocks = u.function_space.mesh.comm.gather(grid)
-    if blocks is None:
-        return
-    plotter = pyvista.Plotter(off_screen=True, window_size=(900, 750))
-    for number, block in enumerate(blocks):
-        plotter.add_mesh(
-            block,
-            scalars="u_z (mm)",
-            show_edges=True,
-            clim=[-10.0, 0.0],
-            cmap="viridis",
-            show_scalar_bar=number == 0,
-            scalar_bar_args={"vertical": True, "position_x": 0.88, "position_y": 0.2},
-        )
-    plotter.camera_position = [(-32.0, -26.0, 14.0), (6.0, 6.0, 5.0), (0.0, 0.0, 1.0)]
-    plotter.screenshot(str(path))
-    plotter.close()
 
 
 def published(mu: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -251,12 +233,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     finally:
         table = output / "force.csv"
         if model.problem.comm.rank == 0 and table.exists():
-            done = np.genfromtxt(table, delimiter=",", names=True)
-            draw_force(
-                [dict(zip(done.dtype.names, r, strict=True)) for r in np.atleast_1d(done)],
-                options.mu,
-                output / "force.png",
-            )
+            draw_force(read_table(table), options.mu, output / "force.png")
     if model.problem.comm.rank == 0:
         print(f"{len(rows)} steps; table and pictures in {output}")
 

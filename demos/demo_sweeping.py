@@ -23,7 +23,6 @@
 
 # +
 import argparse
-import csv
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,9 +34,10 @@ import gmsh
 import matplotlib
 import numpy as np
 import ufl
-from dolfinx import fem, io, plot
+from dolfinx import fem, io
 
 import fenicsx_friction as ff
+from deformable_output import draw_configuration, write_table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "meshes"))
 import block_on_base as geometry
@@ -132,7 +132,15 @@ def sweep(model: Model, steps: int, output: Path | None = None) -> list[dict[str
         if output is not None and any(np.isclose(record.time, t) for t in SHOWN):
             fields.update()
             draw_states(model, fields, record.time, output)
-            draw_configuration(model, output / f"configuration_{record.time:.1f}.png")
+            draw_configuration(
+                model.problem.u,
+                output / f"configuration_{record.time:.1f}.png",
+                component=0,
+                title="u_x (m)",
+                limits=(-0.1, SWEEP),
+                camera=((1.5, -5.0, 2.2), (1.5, 0.4, 0.45), (0.0, 0.0, 1.0)),
+                size=(1000, 500),
+            )
     return rows
 
 
@@ -171,33 +179,6 @@ def draw_states(model: Model, fields: ff.ContactFields, time: float, output: Pat
     plt.close(figure)
 
 
-def draw_configuration(model: Model, path: Path) -> None:
-    """Draw the deformed bodies, coloured by the horizontal displacement."""
-    import pyvista
-
-    u = model.problem.u
-    grid = pyvista.UnstructuredGrid(*plot.vtk_mesh(u.function_space))
-    displacement = u.x.array.reshape(-1, 3)
-    grid.points = grid.points + displacement
-    grid["u_x (m)"] = displacement[:, 0]
-    blocks = u.function_space.mesh.comm.gather(grid)
-    if blocks is None:
-        return
-    plotter = pyvista.Plotter(off_screen=True, window_size=(1000, 500))
-    for number, block in enumerate(blocks):
-        plotter.add_mesh(
-            block,
-            scalars="u_x (m)",
-            show_edges=True,
-            clim=[-0.1, SWEEP],
-            cmap="viridis",
-            show_scalar_bar=number == 0,
-        )
-    plotter.camera_position = [(1.5, -5.0, 2.2), (1.5, 0.4, 0.45), (0.0, 0.0, 1.0)]
-    plotter.screenshot(str(path))
-    plotter.close()
-
-
 def draw_histories(results: dict[float, list[dict[str, float]]], path: Path) -> None:
     """Draw reactions and the monitored displacement against time, a line for each mu."""
     figure, axes = plt.subplots(1, 3, figsize=(13.0, 4.0), layout="constrained")
@@ -234,10 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         model = build(mu, refinement=options.refinement)
         rows = results[mu] = sweep(model, options.steps, output)
         if root:
-            with (output / "history.csv").open("w", newline="") as file:
-                writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-                writer.writeheader()
-                writer.writerows(rows)
+            write_table(rows, output / "history.csv")
             turn = min(rows, key=lambda r: abs(r["time"] - 2.0))
             print(
                 f"mu {mu:g}: {len(rows)} steps, "

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Mesh of the compressed concentric spheres: an octant of two hollow half-spheres in hexahedra.
+"""Mesh of the compressed concentric spheres: an octant of two hollow spheres in hexahedra.
 
-Each sphere is a quarter of a dome in three patches of ``n x n`` faces and four layers. The spheres
+Each octant consists of three patches of ``n x n`` faces and four layers. The spheres
 share a radius and no node: their faces are mismatched on purpose. As a script it writes a ``.msh``
 file::
 
@@ -23,9 +23,10 @@ TAGS = {
     "inner contact": 1,
     "outer contact": 2,
     "top": 3,
-    "below": 4,  # the rims and the inside, which touches the lower plane after buckling
+    "inside": 4,  # touches the lower plane after buckling
     "x = 0": 5,
     "y = 0": 6,
+    "z = 0": 7,
 }
 LAYERS = 4
 
@@ -45,7 +46,7 @@ PATCHES = (("x", "xy", "xyz", "zx"), ("y", "yz", "xyz", "xy"), ("z", "zx", "xyz"
 PLANES = {
     "x = 0": (("y", "yz"), ("yz", "z")),
     "y = 0": (("x", "zx"), ("z", "zx")),
-    "below": (("x", "xy"), ("xy", "y")),
+    "z = 0": (("x", "xy"), ("xy", "y")),
 }
 
 
@@ -58,7 +59,7 @@ def build(density: str = "medium", layers: int = LAYERS) -> None:
     """
     groups: dict[str, list[int]] = {name: [] for name in TAGS}
     volumes = []
-    names = (("below", "inner contact"), ("outer contact", "top"))
+    names = (("inside", "inner contact"), ("outer contact", "top"))
     for radii, n, surfaces in zip(pairwise(RADII), DENSITIES[density], names, strict=True):
         shell = _Shell(radii, n, layers)
         volumes += [shell.patch(corners) for corners in PATCHES]
