@@ -14,7 +14,7 @@ from ufl.core.expr import Expr
 
 from . import frame, laws
 from .certificate import OPEN, NodalState
-from .compat import bc_space_contains, unrolled_bc_dofs
+from .conditions import constrained
 from .errors import ContactInputError
 from .friction import FrictionLaw, Sliding
 from .kinematics import Obstacle
@@ -46,6 +46,7 @@ class Contact:
         slip_scale: The length of :func:`~fenicsx_friction.laws.blended_slip` (m).
         free: 1 for the free directions of the contact frame, 0 for the prescribed ones.
         hint: Direction whose tangential part is the first tangent.
+        parent_dofs: The (blocked) dof of the displacement at each local node.
     """
 
     def __init__(
@@ -89,10 +90,10 @@ class Contact:
                 f"Contact '{self.surface.name}' already belongs to a problem; make another Contact "
                 "(its surface can be shared)."
             )
-        self._u, self._parent_dofs = u, self.surface.parent_dofs(u.function_space)
+        self._u, self.parent_dofs = u, self.surface.parent_dofs(u.function_space)
         self._normal_row = laws.NORMAL_ROWS[normal]
         X = ufl.SpatialCoordinate(self.surface.mesh)
-        kin = self.obstacle.kinematics(self.surface, u, u_old, self.hint, self.c)
+        kin = self.obstacle.kinematics(self, u, u_old)
         self.kinematics = kin
         # A prescribed tangential direction neither slips nor carries friction here.
         tangential = range(1, u.function_space.mesh.geometry.dim)
@@ -142,8 +143,13 @@ class Contact:
     # -- the rows of the three kinds of substep ------------------------------------------
 
     def stick_rows(self, eps: Expr) -> Expr:
-        """Rows of the stick predictor, eq. (14)."""
+        """Rows of the stick predictor, eq. (14); nothing sticks where there is no friction.
+
+        Bodies that slide on what holds them would be held twice.
+        """
         H = laws.closed(self.kinematics.gap, self.c[0], self.r)
+        rough = ufl.gt(self.friction.limit(ufl.as_ufl(1.0), self.sliding), 0.0)
+        H = ufl.conditional(rough, H, 0.0)
         return self._rows(eps, laws.stick_row(self._slip, self._c_t, self.r, H))
 
     def projection_rows(self, eps: Expr, xi: Expr) -> Expr:
@@ -212,7 +218,7 @@ class Contact:
     def stiffness_force(self) -> npt.NDArray[np.floating]:
         """Return stiffness times displacement (N) at each owned node, which rounding goes with."""
         n, bs = self.surface.num_owned, self._u.function_space.dofmap.index_map_bs
-        u = self._u.x.array.reshape(-1, bs)[self._parent_dofs[:n]]
+        u = self._u.x.array.reshape(-1, bs)[self.parent_dofs[:n]]
         stiffness = self.r.x.array[:n] * self.surface.area.x.array[:n]
         return np.asarray(stiffness * np.linalg.norm(u, axis=1))
 
@@ -306,7 +312,7 @@ class Contact:
         if self._r_p is not None:
             self.r.x.array[:] = self._r_p
             return
-        diagonal = stiffness_diagonal.x.array.reshape(-1, bs)[self._parent_dofs].mean(axis=1)
+        diagonal = stiffness_diagonal.x.array.reshape(-1, bs)[self.parent_dofs].mean(axis=1)
         self.r.x.array[:] = diagonal / self.surface.area.x.array
         self.r.x.scatter_forward()
 
@@ -360,12 +366,8 @@ class Contact:
         self, V: fem.FunctionSpace, bcs: list[fem.DirichletBC]
     ) -> npt.NDArray[np.bool_]:
         """Return, for each local contact node, which Cartesian components are prescribed."""
-        fixed = fem.Function(V)
-        for bc in bcs:
-            if bc_space_contains(V, bc):
-                fixed.x.array[unrolled_bc_dofs(bc)] = 1.0
-        fixed.x.scatter_forward()
-        nodes = fixed.x.array.reshape(-1, V.dofmap.index_map_bs)[self._parent_dofs] > 0.5
+        fixed = constrained(V, bcs)
+        nodes = fixed.x.array.reshape(-1, V.dofmap.index_map_bs)[self.parent_dofs] > 0.5
         both = fem.Function(self.surface.Q)
         owned = self.obstacle.prescribed(fixed, nodes[: self.surface.num_owned])
         both.x.array[: owned.size] = owned.ravel()

@@ -55,12 +55,10 @@ class CoupledSolver:
         self._elements.setSizes(((size[0], None), (size[1], None)))
         self._elements.setType(PETSc.Mat.Type.AIJ)
         columns = [p.columns() for p in self._coupling.pairs]
-        i = [np.repeat(c, c.shape[1], axis=1).ravel() for c in columns]
-        j = [np.tile(c, (1, c.shape[1])).ravel() for c in columns]
-        either = np.concatenate(i) < 0
-        rows, cols = (np.concatenate(x).astype(PETSc.IntType) for x in (i, j))
-        rows[either | (cols < 0)] = -1
-        cols[rows < 0] = -1
+        rows = np.concatenate([np.repeat(c, c.shape[1], axis=1).ravel() for c in columns])
+        cols = np.concatenate([np.tile(c, (1, c.shape[1])).ravel() for c in columns])
+        left_out = (rows < 0) | (cols < 0)
+        rows, cols = (np.where(left_out, -1, i).astype(PETSc.IntType) for i in (rows, cols))
         self._elements.setPreallocationCOO(rows, cols)
         self._elements.setValuesCOO(np.zeros(len(rows)), addv=PETSc.InsertMode.INSERT_VALUES)
         self._total = self._forms.duplicate(copy=False)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -21,7 +22,7 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from .compat import bc_space_contains, unrolled_bc_dofs
+from .conditions import constrained_dofs, with_conditions
 from .deformable import DeformableObstacle
 from .face_cells import Array
 
@@ -48,20 +49,40 @@ def global_dofs(spaces: Sequence[fem.FunctionSpace]) -> list[Indices]:
 
 @dataclass
 class _Pair:
-    """One contact with a deformable obstacle and the rows of its dofs, -1 where prescribed."""
+    """One contact with a deformable obstacle and the rows of its dofs, -1 where prescribed.
+
+    Attributes:
+        contact: The contact.
+        obstacle: Its obstacle.
+        secondary: Rows of the displacement of the own nodes.
+        primary: Rows of the displacement of all nodes of the primary surface.
+        multipliers: Rows of the multipliers.
+        reactions: Rows of ``primary``, prescribed ones too.
+    """
 
     contact: Contact
     obstacle: DeformableObstacle
     secondary: Indices
     primary: Indices
     multipliers: Indices
+    reactions: Indices
 
     def columns(self) -> Indices:
         """Return the rows of the dofs of each element: its positions, then its multipliers."""
-        around = self.primary[self.obstacle.nodes()]
-        columns = np.hstack([self.secondary, _flat(around), self.multipliers])
+        columns = np.hstack([self.around(self.secondary, self.primary), self.multipliers])
         columns[~self.obstacle.pairs.paired] = -1
         return columns
+
+    def around(self, secondary: npt.NDArray, primary: npt.NDArray) -> npt.NDArray:
+        """Return what belongs to the positions of each element, one row an element.
+
+        Args:
+            secondary: Rows for the own nodes.
+            primary: Rows for all nodes of the primary surface.
+        """
+        around = primary[self.obstacle.nodes()]
+        n, number, d = around.shape  # n may be 0
+        return np.hstack([secondary, around.reshape(n, number * d)])
 
 
 class Coupling:
@@ -81,33 +102,21 @@ class Coupling:
     ) -> None:
         self._u, self._bcs = unknowns[0], bcs
         spaces = [f.function_space for f in unknowns]
-        rows = global_dofs(spaces)
-        self.num_rows = sum(V.dofmap.index_map.size_local * V.dofmap.index_map_bs for V in spaces)
-        self._num_owned = spaces[0].dofmap.index_map.size_local * spaces[0].dofmap.index_map_bs
-        plain = rows[0].copy()
+        owned = [V.dofmap.index_map.size_local * V.dofmap.index_map_bs for V in spaces]
+        self.num_rows, self._num_owned = sum(owned), owned[0]
+        plain = global_dofs(spaces)
+        rows = [r.copy() for r in plain]
         for V, free in zip(spaces, rows, strict=True):
-            for bc in bcs:
-                if bc_space_contains(V, bc):
-                    free[unrolled_bc_dofs(bc)] = -1
-        self.pairs: list[_Pair] = []
-        self._plain: list[Indices] = []
+            free[constrained_dofs(V, bcs)] = -1
         d = spaces[0].mesh.geometry.dim
-        multipliers = rows[len(rows) - len(contacts) :]
-        for k, c_rows in zip(contacts, multipliers, strict=True):
+        self.pairs: list[_Pair] = []
+        for k, c_rows in zip(contacts, rows[len(rows) - len(contacts) :], strict=True):
             if isinstance(k.obstacle, DeformableObstacle):
-                n, faces = k.surface.num_owned, k.obstacle.faces
-                nodes = k.surface.parent_dofs(spaces[0])[:n]
-                secondary = rows[0].reshape(-1, d)[nodes]
-                self.pairs.append(
-                    _Pair(
-                        k,
-                        k.obstacle,
-                        secondary,
-                        faces.gather_dofs(rows[0]),
-                        c_rows.reshape(-1, d)[:n],
-                    )
-                )
-                self._plain.append(faces.gather_dofs(plain))
+                n, gather = k.surface.num_owned, k.obstacle.faces.gather_dofs
+                secondary = rows[0].reshape(-1, d)[k.parent_dofs[:n]]
+                multipliers = c_rows.reshape(-1, d)[:n]
+                primary, reactions = gather(rows[0]), gather(plain[0])
+                self.pairs.append(_Pair(k, k.obstacle, secondary, primary, multipliers, reactions))
 
     @property
     def versions(self) -> tuple[int, ...]:
@@ -124,7 +133,7 @@ class Coupling:
     def momentum(self) -> Array:
         """Return the residual forces (N) on the primary nodes, for the owned displacement dofs."""
         vector = PETSc.Vec().createMPI((self.num_rows, None), comm=self._u.function_space.mesh.comm)
-        self._add_forces(vector, self._plain)
+        self._add_forces(vector, [p.reactions for p in self.pairs])
         values = vector.array[: self._num_owned].copy()
         vector.destroy()
         return np.asarray(values)
@@ -137,24 +146,15 @@ class Coupling:
             matrices: Returns the element matrices, where they are needed.
         """
         self._add_forces(b, [p.primary for p in self.pairs])
-        missing = fem.Function(self._u.function_space)
-        missing.x.array[:] = self._u.x.array
-        for bc in self._bcs:
-            if bc_space_contains(self._u.function_space, bc):
-                bc.set(missing.x.array)
-        missing.x.array[:] -= self._u.x.array
-        missing.x.scatter_forward()
+        missing = with_conditions(self._u, self._bcs) - self._u.x.array
         # A prescribed value that Newton has yet to reach moves what is near with it.
-        if missing.x.petsc_vec.norm(PETSc.NormType.INFINITY) > 0.0:
+        comm = self._u.function_space.mesh.comm
+        if comm.allreduce(float(np.max(abs(missing), initial=0.0)), MPI.MAX) > 0.0:
+            d = self._u.function_space.mesh.geometry.dim
             for p, matrix in zip(self.pairs, matrices(), strict=True):
-                faces, d = p.obstacle.faces, self._u.function_space.mesh.geometry.dim
-                nodes = p.contact.surface.parent_dofs(self._u.function_space)
-                own = missing.x.array.reshape(-1, d)[nodes[: len(p.secondary)]]
-                around = faces.gather_dofs(missing.x.array)[p.obstacle.nodes()]
-                step = np.hstack([own, _flat(around)])
-                rows = p.columns()
-                values = np.einsum("nij,nj->ni", matrix[:, :, : step.shape[1]], step)
-                _add(b, rows, values)
+                own = missing.reshape(-1, d)[p.contact.parent_dofs[: len(p.secondary)]]
+                step = p.around(own, p.obstacle.faces.gather_dofs(missing))
+                _add(b, p.columns(), np.einsum("nij,nj->ni", matrix[:, :, : step.shape[1]], step))
             b.assemble()
 
     def _add_forces(self, vector: PETSc.Vec, targets: Sequence[Indices]) -> None:
@@ -218,11 +218,6 @@ def _frames(obstacle: DeformableObstacle, slopes: Array, n: int, d: int) -> tupl
     second = np.cross(normal, first)
     d2 = np.cross(dn, first[:, :, None], axis=1) + np.cross(normal[:, :, None], de, axis=1)
     return np.stack([normal, first, second], axis=1), np.stack([dn, de, d2], axis=1)
-
-
-def _flat(rows: npt.NDArray) -> npt.NDArray:
-    """Return an array of vectors a row (n, k, d) as one vector a row, also for n = 0."""
-    return rows.reshape(rows.shape[0], rows.shape[1] * rows.shape[2])
 
 
 def _add(vector: PETSc.Vec, rows: Indices, values: Array) -> None:

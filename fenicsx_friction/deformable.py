@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Deformable obstacles: the surface of another body, met node to face."""
 
+from __future__ import annotations
+
 import warnings
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
@@ -18,6 +21,9 @@ from .kinematics import Kinematics, Obstacle
 from .pair_kernel import PairGeometry, PairKernel
 from .search import Pairs, SearchPolicy, find_pairs
 from .surface import ContactSurface
+
+if TYPE_CHECKING:
+    from .contact import Contact
 
 #: Searches of a step after which nodes keep a face that they have just left.
 PATIENCE = 2
@@ -51,22 +57,15 @@ class DeformableObstacle(Obstacle):
         self.primary, self.policy = primary, search or SearchPolicy()
         self.version = 0
 
-    def kinematics(
-        self,
-        surface: ContactSurface,
-        u: fem.Function,
-        u_old: fem.Function,
-        hint: fem.Function,
-        c: fem.Function,
-    ) -> Kinematics:
+    def kinematics(self, contact: Contact, u: fem.Function, u_old: fem.Function) -> Kinematics:
         """Return kinematics whose parts are fields, which :meth:`update` fills."""
         if hasattr(self, "faces"):
             raise ContactInputError(
                 f"The deformable obstacle '{self.primary.name}' already belongs to a contact; "
                 "make another one (its surface can be shared)."
             )
-        d = surface.mesh.geometry.dim
-        self._d, self._u, self._u_old, self._hint, self._c = d, u, u_old, hint, c
+        surface, d = contact.surface, contact.surface.mesh.geometry.dim
+        self._d, self._u, self._u_old, self._hint, self._c = d, u, u_old, contact.hint, contact.c
         self.faces, self._secondary = FaceSet(self.primary, u), FaceSet(surface, u)
         if self._secondary.size > COARSE * self.faces.size:
             warnings.warn(
@@ -76,7 +75,7 @@ class DeformableObstacle(Obstacle):
                 stacklevel=2,
             )
         n = surface.num_owned
-        self._nodes = surface.parent_dofs(u.function_space)[:n]
+        self._nodes = contact.parent_dofs[:n]
         self._kernel = PairKernel(surface.mesh.comm, self.faces.cell, d, n)
         size = 1 + d * d  # gap, way, normal and in 3D a tangent
         element = basix.ufl.element("Lagrange", surface.submesh.basix_cell(), 1, shape=(size,))
@@ -153,24 +152,27 @@ class DeformableObstacle(Obstacle):
 
     def update(self) -> None:
         """Evaluate the contact element at the current displacement; collective."""
-        geometry = self._geometry()
-        values = self._kernel.values(geometry)
+        self._now = self._geometry()
+        values = self._kernel.values(self._now)
         n, size = len(values), self.field.function_space.dofmap.bs
         rows = self.field.x.array[: n * size].reshape(n, size)
-        paired = self.pairs.paired
-        rows[paired] = values[paired, :size]
-        rows[~paired] = self._without_face()[~paired]
+        rows[:] = values[:, :size]
+        alone = ~self.pairs.paired
+        if np.any(alone):
+            rows[alone] = self._without_face(alone)
         self.field.x.scatter_forward()
         self.weights = values[:, size:]
 
     def derivatives(self) -> tuple[Array, Array]:
         """Return the derivatives of the fields and of the shape functions by all positions.
 
+        They are those of the last :meth:`update`.
+
         Returns:
             Arrays (n, size of the field or nodes of a face, dofs of the element), zero for nodes
             without a face.
         """
-        values = self._kernel.derivatives(self._geometry())
+        values = self._kernel.derivatives(self._now)
         size = self.field.function_space.dofmap.bs
         nodes = self.faces.cell.nodes
         values = values.reshape(len(values), size + nodes, self._d * (1 + 2 * nodes))
@@ -192,14 +194,14 @@ class DeformableObstacle(Obstacle):
         hint = self._hint.x.array.reshape(-1, self._d)[: len(x)]
         return PairGeometry(z, self._xi, self._old_weights, hint)
 
-    def _without_face(self) -> Array:
+    def _without_face(self, alone: npt.NDArray[np.bool_]) -> Array:
         """Return the field of nodes that meet no face: open, with a frame of their own."""
-        reach = self.policy.reach or 2.0 * self.faces.size
         d, own = self._d, self._secondary.own
-        normal = -self._secondary.node_normals(self._secondary.X)[own]
+        normal = -self._secondary.node_normals(self._secondary.X)[own][alone]
+        reach = self.policy.distance(self.faces)
         parts = [np.full((len(normal), 1), reach), np.zeros_like(normal), normal]
         if d == 3:
-            hint = self._hint.x.array.reshape(-1, d)[: len(normal)]
+            hint = self._hint.x.array.reshape(-1, d)[: len(alone)][alone]
             first = hint - np.sum(hint * normal, axis=1)[:, None] * normal
             length = np.linalg.norm(first, axis=1)[:, None]
             parts.append(first / np.where(length > 0.0, length, 1.0))

@@ -38,9 +38,9 @@ class FaceCell(ABC):
     def slopes(self, xi: Sequence[Any]) -> list[list[Any]]:
         """Return the derivatives of the shape functions along each reference coordinate."""
 
-    @abstractmethod
     def overhang(self, xi: Array) -> Array:
         """Return how far points are outside, in reference lengths, zero inside; one row a point."""
+        return np.maximum(np.max(np.maximum(-xi, xi - 1.0), axis=1), 0.0)
 
     def inside(self, xi: Array) -> Array:
         """Return points moved into the face from where they overhang, along its coordinates."""
@@ -63,10 +63,6 @@ class Interval(FaceCell):
     def slopes(self, xi: Sequence[Any]) -> list[list[Any]]:
         """Return the derivatives of the shape functions."""
         return [[-1.0 + 0.0 * xi[0], 1.0 + 0.0 * xi[0]]]
-
-    def overhang(self, xi: Array) -> Array:
-        """Return how far points are outside."""
-        return np.maximum(np.max(np.maximum(-xi, xi - 1.0), axis=1), 0.0)
 
 
 class Triangle(FaceCell):
@@ -114,10 +110,6 @@ class Quadrilateral(FaceCell):
     def twist(self) -> list[float]:
         """Return the mixed second derivatives of the shape functions."""
         return [1.0, -1.0, -1.0, 1.0]
-
-    def overhang(self, xi: Array) -> Array:
-        """Return how far points are outside."""
-        return np.maximum(np.max(np.maximum(-xi, xi - 1.0), axis=1), 0.0)
 
 
 FACE_CELLS: dict[str, FaceCell] = {

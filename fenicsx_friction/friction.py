@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Friction laws in UFL. A new law is a class with a ``limit``."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -35,16 +36,16 @@ class Sliding(NamedTuple):
     x: Expr
 
 
-class FrictionLaw:
+class FrictionLaw(ABC):
     """Base class: the traction stays in the disk of radius ``limit``, slip opposes it on the rim.
 
     A law overrides :meth:`limit`; an anisotropic one :meth:`metric`, too. Both certify. A law of
     another kind overrides :meth:`row`; its steps are solved but not certified.
     """
 
+    @abstractmethod
     def limit(self, pressure: Expr, sliding: Sliding) -> Expr:
         """Return the largest tangential traction (Pa) at ``pressure >= 0`` (Pa) in contact."""
-        raise NotImplementedError(f"{type(self).__name__} has no limit.")  # pragma: no cover
 
     def metric(self, sliding: Sliding) -> Expr | None:
         """Return a symmetric positive tensor ``M`` in the frame, or ``None`` for the identity.

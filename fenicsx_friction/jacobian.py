@@ -14,7 +14,7 @@ from dolfinx import fem
 
 from . import state
 from .certificate import OPEN, SLIP, STICK, UNLIMITED
-from .compat import bc_space_contains, unrolled_bc_dofs
+from .conditions import constrained
 from .contact import Contact
 from .problem import FrictionalContactProblem, assemble_owned
 from .substep import Substep
@@ -171,15 +171,8 @@ def _kept(problem: FrictionalContactProblem) -> Iterator[None]:
 
 def _free_masks(problem: FrictionalContactProblem) -> list[npt.NDArray[np.bool_]]:
     """Tell which (local) dofs of each unknown no condition holds."""
-    masks = []
-    for f in problem.state:
-        held = fem.Function(f.function_space)
-        for bc in (*problem.bcs, *problem._pins):
-            if bc_space_contains(f.function_space, bc):
-                held.x.array[unrolled_bc_dofs(bc)] = 1.0
-        held.x.scatter_forward()
-        masks.append(np.asarray(held.x.array == 0.0))
-    return masks
+    bcs = (*problem.bcs, *problem._pins)
+    return [constrained(f.function_space, bcs).x.array == 0.0 for f in problem.state]
 
 
 def _freeze(

@@ -13,8 +13,8 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 if TYPE_CHECKING:
+    from .contact import Contact
     from .motion import RigidMotion
-    from .surface import ContactSurface
 
 
 @dataclass(frozen=True)
@@ -53,22 +53,13 @@ class Obstacle(ABC):
     deformable = False
 
     @abstractmethod
-    def kinematics(
-        self,
-        surface: ContactSurface,
-        u: fem.Function,
-        u_old: fem.Function,
-        hint: fem.Function,
-        c: fem.Function,
-    ) -> Kinematics:
-        """Derive the kinematics of the surface's nodes.
+    def kinematics(self, contact: Contact, u: fem.Function, u_old: fem.Function) -> Kinematics:
+        """Derive the kinematics of the nodes of the contact's surface.
 
         Args:
-            surface: The contact surface of the body.
+            contact: The contact. The first tangent (3D) is the tangential part of its ``hint``.
             u: Displacement.
             u_old: Displacement of the last accepted step.
-            hint: Vector whose projection on the tangent plane is the first tangent (3D only).
-            c: Multipliers (Pa).
         """
 
     def update(self) -> None:  # noqa: B027 - rigid obstacles need none

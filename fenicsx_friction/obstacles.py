@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Rigid obstacles: a gap in UFL, from which normal and tangent frame follow."""
 
+from __future__ import annotations
+
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -13,7 +16,9 @@ from ufl.core.expr import Expr
 from .errors import ContactInputError
 from .kinematics import Kinematics, Obstacle
 from .motion import RigidMotion
-from .surface import ContactSurface
+
+if TYPE_CHECKING:
+    from .contact import Contact
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,17 +43,10 @@ class RigidObstacle(Obstacle):
         """Return where the obstacle's point that was at ``x`` at the last step is now."""
         return x if self.motion is None else self.motion.carry(x)
 
-    def kinematics(
-        self,
-        surface: ContactSurface,
-        u: fem.Function,
-        u_old: fem.Function,
-        hint: fem.Function,
-        c: fem.Function,
-    ) -> Kinematics:
+    def kinematics(self, contact: Contact, u: fem.Function, u_old: fem.Function) -> Kinematics:
         """Derive the kinematics from the gap, see :func:`kinematics`."""
-        X = ufl.SpatialCoordinate(surface.mesh)
-        return kinematics(self, X + u, X + u_old, hint)
+        X = ufl.SpatialCoordinate(contact.surface.mesh)
+        return kinematics(self, X + u, X + u_old, contact.hint)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from ufl.core.expr import Expr
 from . import step
 from .certificate import OPEN, SLIP, STICK, Certificate, NodalState, certify
 from .checks import check_problem
-from .compat import bc_space_contains, unrolled_bc_dofs
+from .conditions import constrained_dofs, with_conditions
 from .contact import Contact
 from .coupling import Coupling
 from .errors import ContactInputError
@@ -97,7 +97,7 @@ class FrictionalContactProblem:
         )
         self._momentum_form = fem.form(self._momentum, entity_maps=self._entity_maps)
         self._bulk_form = fem.form(self.bulk, entity_maps=self._entity_maps)
-        self.constrained_dofs = _constrained_dofs(V, self.bcs)
+        self.constrained_dofs = constrained_dofs(V, self.bcs)
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
 
         pins, deformable = [*self.bcs, *self._pins], [k.obstacle.deformable for k in self.contacts]
@@ -209,10 +209,7 @@ class FrictionalContactProblem:
         """Return how far the unknowns are from their Dirichlet values, relative."""
         worst = 0.0
         for f in self.unknowns:
-            values = f.x.array.copy()
-            for bc in self.bcs:
-                if bc_space_contains(f.function_space, bc):
-                    bc.set(values)
+            values = with_conditions(f, self.bcs)
             # Not a number on one rank is infinite on all.
             local = [np.max(abs(a), initial=0.0) for a in (values - f.x.array, values)]
             local = np.nan_to_num(local, nan=np.inf)
@@ -290,9 +287,3 @@ def assemble_owned(form: fem.Form) -> np.ndarray:
     vector = fem.assemble_vector(form)
     vector.scatter_reverse(InsertMode.add)
     return np.asarray(vector.array[: vector.index_map.size_local * vector.block_size])
-
-
-def _constrained_dofs(V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> np.ndarray:
-    """Return the unrolled dofs of ``V`` under a boundary condition."""
-    dofs = [unrolled_bc_dofs(bc) for bc in bcs if bc_space_contains(V, bc)]
-    return np.unique(np.concatenate(dofs)) if dofs else np.empty(0, dtype=np.int32)

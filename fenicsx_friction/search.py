@@ -32,6 +32,10 @@ class SearchPolicy:
     leave: float = 0.5
     keep: float = 0.05
 
+    def distance(self, faces: FaceSet) -> float:
+        """Return the ``reach``, or its default for the faces (m)."""
+        return 2.0 * faces.size if self.reach is None else self.reach
+
 
 @dataclass(frozen=True)
 class Pairs:
@@ -93,8 +97,8 @@ def find_pairs(
     normal = normals(cell, corners[best], xi[best])
     gap = np.sum(normal * (x[i[best]] - blend(shape_matrix(cell, xi[best]), corners[best])), axis=1)
     allowed = np.where(held, policy.leave, policy.enter)
-    reach = policy.reach or 2.0 * faces.size
-    good = (i[best] == nodes) & (overhang[best] <= allowed) & (abs(gap) <= reach)
+    near = abs(gap) <= policy.distance(faces)
+    good = (i[best] == nodes) & (overhang[best] <= allowed) & near
     result.face[good], result.xi[good] = f[best[good]], xi[best[good]]
     return result
 
@@ -106,7 +110,7 @@ def _candidates(
     corners = face_x[faces.faces]
     center = corners.mean(axis=1)
     radius = float(np.max(np.linalg.norm(corners - center[:, None], axis=2)))
-    near = cKDTree(center).query_ball_point(x, (policy.reach or 2.0 * faces.size) + radius)
+    near = cKDTree(center).query_ball_point(x, policy.distance(faces) + radius)
     i = np.repeat(np.arange(len(x)), [len(n) for n in near])
     f = np.concatenate([np.asarray(n, dtype=np.int64) for n in near] or [np.zeros(0, np.int64)])
     middle = np.tile(faces.cell.center, (len(corners), 1))

@@ -88,7 +88,8 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
                 k.close_touching()
             with _scaled(problem, attempt.r_factor):
                 substeps += _correct(problem, attempt, forces)
-                substeps += _settle(problem, attempt, forces)
+                if substeps[-1].converged:
+                    substeps += _settle(problem, attempt, forces)
         elif unbalanced > NEWTON_TOLERANCE * forces:
             continue  # else the loads did not change and the state is its own solution
         certificate = problem.certify(largest)
@@ -143,35 +144,36 @@ def _correct(
         reports.append(predictor)
     if attempt.corrector == "ramp":
         reports += _ramp(problem, attempt, forces, eps)
-    reports.append(
-        problem.run(
-            problem.projection,
-            NEWTON_TOLERANCE * forces,
-            line_search=attempt.line_search,
-            max_it=attempt.max_it,
-        )
-    )
+    reports.append(_polish(problem, attempt, forces))
     return reports
 
 
 def _settle(
     problem: FrictionalContactProblem, attempt: Attempt, forces: float
 ) -> list[SubstepReport]:
-    """Search again for what the nodes meet, and solve again, until nothing changes."""
+    """Search again for what the nodes meet, and solve again, until nothing changes.
+
+    The certificate sees what the last search found.
+    """
     reports: list[SubstepReport] = []
     for searched in range(MAX_SEARCHES):
         changed = [k.obstacle.search(searched) for k in problem.contacts]
-        if not any(changed):
+        if not any(changed) or searched == MAX_SEARCHES - 1:
             break
-        reports.append(
-            problem.run(
-                problem.projection,
-                NEWTON_TOLERANCE * forces,
-                line_search=attempt.line_search,
-                max_it=attempt.max_it,
-            )
-        )
+        reports.append(_polish(problem, attempt, forces))
+        if not reports[-1].converged:
+            break
     return reports
+
+
+def _polish(problem: FrictionalContactProblem, attempt: Attempt, forces: float) -> SubstepReport:
+    """Solve the natural map."""
+    return problem.run(
+        problem.projection,
+        NEWTON_TOLERANCE * forces,
+        line_search=attempt.line_search,
+        max_it=attempt.max_it,
+    )
 
 
 def _ramp(
