@@ -49,7 +49,7 @@ import matplotlib.pyplot as plt
 PUBLISHED = Path(__file__).with_name("data") / "concentric_spheres_force.csv"
 E, NU = 1.0, 0.3  # MPa = N/mm², lengths in mm
 #: Displacements (mm) at which a picture is drawn.
-SHOWN = (2.0, 4.0, 6.0, 8.0, 10.0)
+SHOWN = (2.0, 4.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 # -
 
 
@@ -127,7 +127,7 @@ def build(density: str, mu: float, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Mode
         contact=[spheres, upper, lower],
         bcs=bcs,
         petsc_options_prefix=f"spheres_{density}_{mu:g}_",
-        settings=ff.StepSettings(fallbacks=2),  # a step can be cut instead
+        settings=ff.StepSettings(fallbacks=1),  # a step can be cut instead
     )
     return Model(problem, spheres, upper, motion, relaxation)
 
@@ -146,7 +146,7 @@ def compress(
         model.press,
         end=end,
         step=0.1,
-        smallest=0.02,
+        smallest=0.05,
         largest=step,
         stops=stops,
         relaxation=model.relaxation,

@@ -25,8 +25,6 @@ from .surface import ContactSurface
 if TYPE_CHECKING:
     from .contact import Contact
 
-#: Searches of a step after which nodes keep a face that they have just left.
-PATIENCE = 2
 #: Ratio of face sizes from which the secondary surface should be the primary one.
 COARSE = 1.5
 #: Nodes of a face with less weight have no part in a contact on its edge.
@@ -98,25 +96,36 @@ class DeformableObstacle(Obstacle):
         n = self._secondary.own.stop - self._secondary.own.start
         held = self._c.x.array[: n * self._d : self._d] > 0.0
         self.pairs = self._start = self._find(self._u_old, held)
+        self._met = [self.pairs.face]
         self._place_old()
 
-    def search(self, searched: int) -> bool:
+    def search(self) -> bool:
         """Look again for the faces at the current displacement; collective."""
-        keep = 0.0 if searched < PATIENCE else self.policy.keep
-        found = self._find(self._u, self.pairs.paired, self.pairs, keep)
-        moved = bool(np.any(found.face != self.pairs.face))
-        changed = bool(self.primary.mesh.comm.allreduce(moved, MPI.LOR))
+        found = self._find(self._u, self.pairs.paired, self.pairs)
+        if self._any(back := self._returns(found)):
+            found = self._find(self._u, self.pairs.paired, self.pairs, back * self.policy.keep)
+        changed = self._any(found.face != self.pairs.face)
         if changed:
             self.pairs = found
+            self._met.append(found.face)
             self._place_old()
         return changed
+
+    def _returns(self, found: Pairs) -> npt.NDArray[np.bool_]:
+        """Tell which nodes would go back to a face that they have met in this step."""
+        before = np.any([found.face == face for face in self._met], axis=0)
+        return np.asarray(before & (found.face != self.pairs.face))
+
+    def _any(self, flags: npt.NDArray[np.bool_]) -> bool:
+        """Tell whether a flag is set on any rank; collective."""
+        return bool(self.primary.mesh.comm.allreduce(bool(np.any(flags)), MPI.LOR))
 
     def _find(
         self,
         u: fem.Function,
         held: npt.NDArray[np.bool_],
         last: Pairs | None = None,
-        keep: float = 0.0,
+        keep: npt.ArrayLike = 0.0,
     ) -> Pairs:
         """Pair this rank's nodes at a displacement; collective."""
         x, own = self._secondary.positions(u), self._secondary.own

@@ -65,11 +65,8 @@ class Obstacle(ABC):
     def update(self) -> None:  # noqa: B027 - rigid obstacles need none
         """Follow the displacement; collective."""
 
-    def search(self, searched: int) -> bool:
+    def search(self) -> bool:
         """Look again for what each node meets, after a solve; collective.
-
-        Args:
-            searched: How often this step has searched before.
 
         Returns:
             Whether it has changed for any node of any rank.

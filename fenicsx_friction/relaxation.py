@@ -28,8 +28,6 @@ LESS, MORE = 0.3, 4.0
 MOST = 100.0
 #: Increments that are tried at most, the failed ones included.
 MAX_INCREMENTS = 100
-#: Ways to solve tried in a damped increment; more damping is cheaper than more ways.
-FALLBACKS = 1
 
 
 class ViscousRelaxation:
@@ -81,7 +79,8 @@ class ViscousRelaxation:
             StepFailed: If it does not get there; the problem is somewhere on the way.
         """
         settings = problem.settings
-        problem.settings = replace(settings, fallbacks=FALLBACKS, raise_on_uncertified=True)
+        # More damping is cheaper than more ways to solve.
+        problem.settings = replace(settings, fallbacks=0, raise_on_uncertified=True)
         try:
             return self._creep(problem, accepted)
         finally:

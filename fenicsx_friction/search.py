@@ -23,8 +23,8 @@ class SearchPolicy:
             twice the mean diameter of the faces.
         enter: How far beyond the surface's edge, in face lengths, a node may be to be paired.
         leave: How far beyond the edge it may slide before it is let go.
-        keep: From the third search of a step on, nodes keep a face that they have left by less
-            than this, in face lengths, lest they change for ever at a fold.
+        keep: Nodes do not go back to a face that they have met in this step before they have left
+            the present one by this, in face lengths, lest they change for ever at a fold.
     """
 
     reach: float | None = None
@@ -64,7 +64,7 @@ def find_pairs(
     held: npt.NDArray[np.bool_],
     last: Pairs | None = None,
     *,
-    keep: float = 0.0,
+    keep: npt.ArrayLike = 0.0,
 ) -> Pairs:
     """Pair nodes with the nearest face that looks at them.
 
@@ -76,7 +76,8 @@ def find_pairs(
         policy: What to accept.
         held: Nodes that are let go at ``policy.leave`` only.
         last: The pairs so far.
-        keep: Fraction of a face by which a node may have left its last face and still keep it.
+        keep: Fraction of a face by which a node may have left its last face and still keep it, for
+            all nodes or for each.
     """
     cell, nodes = faces.cell, np.arange(len(x))
     result = Pairs(np.full(len(x), -1, dtype=np.int64), np.tile(cell.center, (len(x), 1)))
@@ -90,8 +91,10 @@ def find_pairs(
     bad = ~np.all(np.isfinite(xi), axis=1)
     distance[bad] = overhang[bad] = np.inf
     if last is not None:
-        kept = (f == last.face[i]) & (overhang <= max(keep, TIE))
-        distance[kept] -= np.where(keep > TIE, faces.size, 2.0 * TIE * faces.size)
+        keeps = np.broadcast_to(keep, len(x))[i]
+        kept = (f == last.face[i]) & (overhang <= np.maximum(keeps, TIE))
+        advantage = np.where(keeps > TIE, faces.size, 2.0 * TIE * faces.size)
+        distance[kept] -= advantage[kept]
     order = np.lexsort((faces.priority[f], np.round(distance / faces.size / TIE), i))
     best = order[np.searchsorted(i[order], nodes).clip(max=len(i) - 1)]
     normal = normals(cell, corners[best], xi[best])

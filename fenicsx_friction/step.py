@@ -157,7 +157,7 @@ def _settle(
     """
     reports: list[SubstepReport] = []
     for searched in range(MAX_SEARCHES):
-        changed = [k.obstacle.search(searched) for k in problem.contacts]
+        changed = [k.obstacle.search() for k in problem.contacts]
         if not any(changed) or searched == MAX_SEARCHES - 1:
             break
         reports.append(_polish(problem, attempt, forces))
