@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import weakref
-from collections import deque
-from collections.abc import Iterator
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain, groupby
 from typing import TYPE_CHECKING
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 STATE_NAMES = ("open", "stick", "slip")
 NODES_NAMED = 5
+#: Substeps of a failed step that are listed one by one.
+SUBSTEPS_NAMED = 8
 #: Newton iterations that are looked at for nodes that change state again and again.
 WATCHED_ITERATIONS = 12
 #: The advice that a load stepper follows by itself.
@@ -42,12 +44,20 @@ def explain(problem: FrictionalContactProblem, report: StepReport) -> str:
         f"{certificate.normal_map:.3e} Pa, tangential map {certificate.tangential_map:.3e} Pa, "
         f"equilibrium {certificate.equilibrium:.3e} N. The last accepted state was restored.",
         f"Dominant residual: {_dominant(certificate)}.",
-        "Substeps: "
-        + ", ".join(f"{s.name} {s.iterations} it. {s.reason}" for s in report.substeps),
+        _substeps(report.substeps),
         *_worst_nodes(problem),
         *_advice(report),
     ]
     return "\n".join(lines)
+
+
+def _substeps(substeps: Sequence[SubstepReport]) -> str:
+    """List the first substeps and total the others, by kind and end."""
+    first, others = substeps[:SUBSTEPS_NAMED], substeps[SUBSTEPS_NAMED:]
+    text = ", ".join(f"{s.name} {s.iterations} it. {s.reason}" for s in first)
+    counts = Counter(f"{s.name} {s.reason}" for s in others)
+    more = ", ".join(f"{number} x {kind}" for kind, number in counts.most_common())
+    return f"Substeps: {text}" + (f"; then {more}" if more else "")
 
 
 def _worst_nodes(problem: FrictionalContactProblem) -> list[str]:

@@ -78,8 +78,7 @@ def stack(
     up = d - 1
     level = top[0][up]
     eps = 1e-6 * (top[1][up] - level)
-    # A facet of the base at the same place is told apart by the body of its cell.
-    tags = _sides(msh, up, level, base[0][up], top[1][up], eps)
+    tags = sides(msh, up, (base[0][up], base[1][up], level, top[1][up]), eps)
     if warp is not None:
         msh.geometry.x[:, :d] = warp(msh.geometry.x[:, :d].T).T
     V = fem.functionspace(msh, ("Lagrange", 1, (d,)))
@@ -117,12 +116,21 @@ def stack(
     return Stack(problem, contact, moved, bottom, stored)
 
 
-def _sides(msh, up, level, low, high, eps):
-    """Tag the block's bottom 1, the base's top 2, the base's bottom 3 and the block's top 4."""
+def sides(msh, up, levels, eps):
+    """Tag the block's bottom 1, the base's top 2, the base's bottom 3 and the block's top 4.
+
+    Args:
+        msh: Base and block, not yet warped.
+        up: The axis that points from the base to the block.
+        levels: The base's bottom and top, the block's bottom and top.
+        eps: Tolerance (m).
+    """
+    low, primary, secondary, high = levels
+    middle = (primary + secondary) / 2.0
     tdim = msh.topology.dim
     everything = tagged_facets(
         msh,
-        lambda x: np.isclose(x[up], level, atol=eps),
+        lambda x: np.isclose(x[up], secondary, atol=eps) | np.isclose(x[up], primary, atol=eps),
         lambda x: np.isclose(x[up], low, atol=eps),
         lambda x: np.isclose(x[up], high, atol=eps),
     )
@@ -130,6 +138,7 @@ def _sides(msh, up, level, low, high, eps):
     msh.topology.create_connectivity(tdim - 1, tdim)
     owner = msh.topology.connectivity(tdim - 1, tdim)
     cells = np.array([owner.links(f)[0] for f in everything.indices], dtype=np.int32)
-    below = mesh.compute_midpoints(msh, tdim, cells)[:, up] < level
+    # Facets at the same place are told apart by the bodies of their cells.
+    below = mesh.compute_midpoints(msh, tdim, cells)[:, up] < middle
     values = np.where((values == 1) & below, 2, values).astype(np.int32)
     return mesh.meshtags(msh, tdim - 1, everything.indices, values)
