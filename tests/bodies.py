@@ -65,6 +65,7 @@ def stack(
     search=None,
     hold=None,
     warp=None,
+    obstacle=None,
     **settings,
 ) -> Stack:
     """Build a block on a base; lengths (m), ``E`` (Pa) of both or of the block and the base.
@@ -72,6 +73,7 @@ def stack(
     Args:
         hold: Further prescribed components: (marker, component) pairs, held at zero.
         warp: Moves the nodes, ``(3, n)`` to the same.
+        obstacle: Obstacle in place of the base's surface.
     """
     d = len(upper)
     msh = joined(comm, box(*base, lower, cell), box(*top, upper, cell))
@@ -102,7 +104,8 @@ def stack(
         bcs.append(fem.dirichletbc(0.0, fem.locate_dofs_topological(W, d - 1, facets), W))
     contact = ff.Contact(
         ff.ContactSurface(msh, tags, 1, "secondary"),
-        ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2, "primary"), search=search),
+        obstacle
+        or ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2, "primary"), search=search),
         ff.Coulomb(mu) if not isinstance(mu, ff.FrictionLaw) else mu,
     )
     problem = ff.FrictionalContactProblem(
