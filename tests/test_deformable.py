@@ -359,6 +359,17 @@ def test_threshold_of_sliding(way, slides):
         assert friction < 0.9 * mu
 
 
+@pytest.mark.parametrize("law", [ff.Frictionless(), ff.Coulomb(0.0), ff.Coulomb(0.3)])
+def test_the_stick_predictor_holds_only_what_has_friction(law):
+    """What slides freely on one thing and sticks to another would be held twice."""
+    model = stack(law, f"predictor_{law}_".replace(" ", ""))
+    model.move(0.01, 0.0, -0.02)
+    assert model.problem.run(model.problem.stick, 1e-8, max_it=30).converged
+    tangential = abs(model.contact.nodal().c[:, 1:])
+    held = law == ff.Coulomb(0.3)
+    assert np.max(tangential) > 1.0 if held else np.max(tangential) < 1e-12
+
+
 # -- broken on purpose ----------------------------------------------------------------------------
 
 
