@@ -81,7 +81,7 @@ def find_pairs(
     """
     cell, nodes = faces.cell, np.arange(len(x))
     result = Pairs(np.full(len(x), -1, dtype=np.int64), np.tile(cell.center, (len(x), 1)))
-    i, f = _candidates(faces, face_x, x, directions, policy)
+    i, f = _candidates(faces, face_x, x, directions, policy, last)
     if len(i) == 0:
         return result
     corners = face_x[faces.faces[f]]
@@ -107,16 +107,31 @@ def find_pairs(
 
 
 def _candidates(
-    faces: FaceSet, face_x: Array, x: Array, directions: Array, policy: SearchPolicy
+    faces: FaceSet,
+    face_x: Array,
+    x: Array,
+    directions: Array,
+    policy: SearchPolicy,
+    last: Pairs | None,
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return nodes and faces that may be pairs, from a tree of the faces' centers."""
+    """Return nodes and faces that may be pairs, from a tree of the faces' centers.
+
+    No face is nearer than its center is, less its radius, nor farther than its center.
+    """
     corners = face_x[faces.faces]
     center = corners.mean(axis=1)
-    radius = float(np.max(np.linalg.norm(corners - center[:, None], axis=2)))
-    near = cKDTree(center).query_ball_point(x, policy.distance(faces) + radius)
+    radius = np.max(np.linalg.norm(corners - center[:, None], axis=2), axis=1)
+    near = cKDTree(center).query_ball_point(x, policy.distance(faces) + np.max(radius))
     i = np.repeat(np.arange(len(x)), [len(n) for n in near])
     f = np.concatenate([np.asarray(n, dtype=np.int64) for n in near] or [np.zeros(0, np.int64)])
     middle = np.tile(faces.cell.center, (len(corners), 1))
     normal = normals(faces.cell, corners, middle)
     looks = np.sum(normal[f] * directions[i], axis=1) < 0.0
-    return i[looks], f[looks]
+    i, f = i[looks], f[looks]
+    away = np.linalg.norm(x[i] - center[f], axis=1)
+    nearest = np.full(len(x), np.inf)
+    np.minimum.at(nearest, i, away)
+    possible = away - radius[f] <= nearest[i] * (1.0 + TIE)
+    if last is not None:
+        possible |= f == last.face[i]
+    return i[possible], f[possible]

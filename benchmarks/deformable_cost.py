@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: MIT
+"""What contact costs between deformable bodies: search and contact elements, as parts of a step.
+
+    ./container python3 benchmarks/deformable_cost.py [--density medium] [--mu 0.5] [--steps 5]
+
+The concentric spheres are pressed by steps of 0.2 mm. The time in the search, in the contact elements
+(kinematics, forces, matrices and their assembly) and in all is taken; the unit beside it is one
+linear elastic solve on the same mesh, in the same run. Compare parts and ratios.
+"""
+
+import argparse
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import LinearProblem
+
+import fenicsx_friction as ff
+from fenicsx_friction import bulk
+from fenicsx_friction.coupled_solver import CoupledSolver
+from fenicsx_friction.coupling import Coupling
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
+import demo_concentric_spheres as spheres
+
+DIRECT = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+#: What is timed: a name, the class and its methods. No method of a part calls another of a part.
+PARTS = (
+    ("search", ff.DeformableObstacle, ("anchor", "search")),
+    ("kinematics", Coupling, ("update",)),
+    ("forces", Coupling, ("_add_forces",)),
+    ("matrices", Coupling, ("matrices",)),
+    ("sparsity", CoupledSolver, ("prepare",)),
+)
+
+
+@contextmanager
+def timed() -> Iterator[dict[str, float]]:
+    """Time the parts of what runs inside the context (s)."""
+    spent: dict[str, float] = defaultdict(float)
+    kept = []
+    for part, owner, methods in PARTS:
+        for name in methods:
+            original = getattr(owner, name)
+            kept.append((owner, name, original))
+
+            def call(*args, original=original, part=part, **kwargs):  # type: ignore[no-untyped-def]
+                """Call the original and add its time."""
+                start = time.perf_counter()
+                try:
+                    return original(*args, **kwargs)
+                finally:
+                    spent[part] += time.perf_counter() - start
+
+            setattr(owner, name, call)
+    try:
+        yield spent
+    finally:
+        for owner, name, original in kept:
+            setattr(owner, name, original)
+
+
+def time_elastic(problem: ff.FrictionalContactProblem) -> float:
+    """Return the time (s) of a linear elastic solve on the mesh, upper part held."""
+    V = problem.u.function_space
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    energy = bulk.small_strain_energy(u, bulk.Elastic(spheres.E, spheres.NU))
+    form = ufl.derivative(bulk.stored_energy(energy, ufl.dx), u, v)
+    dofs = fem.locate_dofs_geometrical(V, lambda x: x[2] > 0.8 * np.max(x[2]))
+    elastic = LinearProblem(
+        ufl.derivative(form, u),
+        ufl.inner(ufl.as_vector([0.0, 0.0, -1.0]), v) * ufl.dx,
+        bcs=[*problem.bcs, fem.dirichletbc(np.zeros(3), dofs, V)],
+        petsc_options=DIRECT,
+        petsc_options_prefix="elastic_",
+    )
+    times = []
+    for _ in range(3):
+        start = time.perf_counter()
+        elastic.solve()
+        times.append(time.perf_counter() - start)
+    return sorted(times)[1]
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("--density", default="medium")
+    parser.add_argument("--mu", type=float, default=0.5)
+    parser.add_argument("--steps", type=int, default=5)
+    arguments = parser.parse_args()
+    model = spheres.build(arguments.density, arguments.mu)
+    model.press(0.1)
+    model.problem.solve()  # compiles
+    solves = 0
+    with timed() as spent:
+        start = time.perf_counter()
+        for k in range(arguments.steps):
+            model.press(0.1 + 0.2 * (k + 1))
+            solves += model.problem.solve().iterations
+        total = time.perf_counter() - start
+    elastic = time_elastic(model.problem)
+    pairs = model.spheres.surface.num_owned
+    print(f"{pairs} pairs, {arguments.steps} steps, {solves} linear solves in {total:.1f} s")
+    print(f"one linear elastic solve: {elastic:.2f} s; a Newton iteration: "
+          f"{total / solves / elastic:.2f} of it")  # fmt: skip
+    for part, seconds in spent.items():
+        print(f"{part:12s} {100.0 * seconds / total:5.1f} % of the step")
+    print(f"{'contact':12s} {100.0 * sum(spent.values()) / total:5.1f} %")
+
+
+if __name__ == "__main__":
+    main()
