@@ -102,7 +102,7 @@ def build(mu: float, comm: MPI.Intracomm = MPI.COMM_WORLD, refinement: int = 1) 
 
 # ## Press, sweep, reverse
 #
-# The monitored node is the middle of the block's front edge, above the contact.
+# The monitored node is the middle of the block's contact face.
 
 
 def sweep(model: Model, steps: int, output: Path | None = None) -> list[dict[str, float]]:
@@ -113,7 +113,7 @@ def sweep(model: Model, steps: int, output: Path | None = None) -> list[dict[str
     )
     for record in stepper:
         contact = record.report.contacts[0]
-        monitored = _displacement_at(model.problem.u, (1.5, 0.4, 0.5))
+        monitored = _displacement_at(model.problem.u, (1.0, 0.4, 0.5))
         rows.append(
             {
                 "time": record.time,
@@ -185,7 +185,7 @@ def draw_histories(results: dict[float, list[dict[str, float]]], path: Path) -> 
     titles = {
         "normal_N": "normal reaction (N)",
         "tangential_N": "tangential reaction (N)",
-        "monitored_x_m": "horizontal displacement of the monitored node (m)",
+        "monitored_z_m": "vertical displacement of the monitored node (m)",
     }
     for mu, rows in results.items():
         for axis, key in zip(axes, titles, strict=True):
