@@ -3,8 +3,8 @@
 
     ./container python3 benchmarks/deformable_cost.py [--density medium] [--mu 0.5] [--steps 5]
 
-The concentric spheres are pressed by steps of 0.2 mm. The time in the search, in the contact elements
-(kinematics, forces, matrices and their assembly) and in all is taken; the unit beside it is one
+The concentric spheres are pressed by steps of 0.2 mm. Timed are the search, the contact elements
+(kinematics, forces, matrices and the sparsity they need) and the whole; the unit beside it is one
 linear elastic solve on the same mesh, in the same run. Compare parts and ratios.
 """
 

@@ -37,7 +37,8 @@ SMALLEST = 1e-3
 
 FAILURE_ADVICE = (
     "Smaller steps did not help. Where a body snaps or loses its hold there is no solution nearby: "
-    "prescribe displacements there instead of forces, or hold the body. Where nodes cycle, refine "
+    "prescribe displacements there instead of forces, hold the body, or let it creep to its next "
+    "equilibrium by LoadStepper(relaxation=ViscousRelaxation(u)). Where nodes cycle, refine "
     "the surface, lower mu (above about 3 there may be several solutions or none) or try "
     'StepSettings(corrector="ramp").'
 )
