@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Compare the derived Jacobians with finite differences of the residuals."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,11 +9,9 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
-from . import state
-from .certificate import OPEN, SLIP, STICK, UNLIMITED
-from .conditions import constrained
+from . import random_state, state
+from .certificate import OPEN, SLIP, STICK
 from .contact import Contact
 from .problem import FrictionalContactProblem, assemble_owned
 from .substep import Substep
@@ -23,8 +20,6 @@ Array = npt.NDArray[np.floating]
 
 #: Substeps with the blend ``xi`` and the smoothing ``eps`` (relative to tractions) of their check.
 VARIANTS = (("stick", 0.0, 0.5), ("slip", 0.3, 0.5), ("projection", 0.0, 0.0), ("projection", 0, 1))
-#: Nodes are put this far from both sides of a kink, relative to the amplitude.
-MARGIN = 0.5
 #: Perturbation of the displacement, relative to the size of the smallest facet.
 AMPLITUDE = 1e-2
 #: Differences that halving the step changes by more than this, relative, meet a kink.
@@ -134,13 +129,13 @@ def check_jacobian(
     stiffness = min(np.min(k.r.x.array, initial=np.inf) for k in problem.contacts)
     traction = amplitude * float(problem.comm.allreduce(stiffness, MPI.MIN))
     checks = []
-    with _kept(problem):
-        free = _free_masks(problem)
-        _freeze(problem, rng, traction, amplitude)
-        direction = _direction(problem, free, size, rng)
+    with random_state.kept(problem):
+        free = random_state.free_masks(problem)
+        random_state.freeze(problem, rng, traction, amplitude)
+        direction = random_state.direction(problem, free, size, rng)
         for name in ("present", "mixed"):
             if name == "mixed":
-                _mix(problem, free, amplitude, rng)
+                random_state.mix(problem, free, amplitude, rng)
             here = state.save(problem.state)
             for kind, xi, eps in VARIANTS:
                 problem._xi.value = np.asarray(xi)
@@ -152,123 +147,12 @@ def check_jacobian(
     return JacobianReport(tuple(checks), states)
 
 
-# -- the states ------------------------------------------------------------------------------
-
-
-@contextmanager
-def _kept(problem: FrictionalContactProblem) -> Iterator[None]:
-    """Put everything back that a check changes."""
-    frozen = [f for k in problem.contacts for f in (k.c_stick, k.slipping, k.slip_scale)]
-    functions = [*problem.state, *frozen]
-    snapshot = state.save(functions)
-    xi, eps = problem._xi.value.copy(), problem._eps.value.copy()
-    try:
-        yield
-    finally:
-        state.restore(functions, snapshot)
-        problem._xi.value, problem._eps.value = xi, eps
-
-
-def _free_masks(problem: FrictionalContactProblem) -> list[npt.NDArray[np.bool_]]:
-    """Tell which (local) dofs of each unknown no condition holds."""
-    bcs = (*problem.bcs, *problem._pins)
-    return [constrained(f.function_space, bcs).x.array == 0.0 for f in problem.state]
-
-
-def _freeze(
-    problem: FrictionalContactProblem, rng: np.random.Generator, traction: float, length: float
-) -> None:
-    """Choose stick traction, nodes and scale of the slip rows at random."""
-    for k in problem.contacts:
-        n = k.surface.num_owned
-        k.c_stick.x.array[:] = traction * rng.normal(size=len(k.c_stick.x.array))
-        _, limit = k.gap_and_friction()
-        k.slipping.x.array[:n] = rng.integers(0, 2, n) * (limit < UNLIMITED)
-        k.slip_scale.x.array[:] = length
-        for f in (k.c_stick, k.slipping):
-            f.x.scatter_forward()
-
-
-def _direction(
-    problem: FrictionalContactProblem,
-    free: list[npt.NDArray[np.bool_]],
-    size: float,
-    rng: np.random.Generator,
-) -> list[Array]:
-    """Return a random direction in which all unknowns count about the same."""
-    scales: list[Array | float] = [size]
-    for f in problem.unknowns[1:]:
-        largest = problem.comm.allreduce(np.max(np.abs(f.x.array), initial=0.0), MPI.MAX)
-        scales.append(largest or 1.0)
-    dim = problem.u.function_space.mesh.geometry.dim
-    scales += [size * np.repeat(k.r.x.array, dim) for k in problem.contacts]
-    directions = []
-    for f, mask, scale in zip(problem.state, free, scales, strict=True):
-        d = fem.Function(f.function_space)
-        d.x.array[:] = np.where(mask, scale * rng.uniform(-1.0, 1.0, len(mask)), 0.0)
-        d.x.scatter_forward()
-        directions.append(d.x.array.copy())
-    return directions
-
-
-def _mix(
-    problem: FrictionalContactProblem,
-    free: list[npt.NDArray[np.bool_]],
-    amplitude: float,
-    rng: np.random.Generator,
-) -> None:
-    """Shake the body, then choose the multipliers so that nodes are open, stick and slip."""
-    u = problem.u
-    u.x.array[:] += np.where(free[0], amplitude * rng.uniform(-1.0, 1.0, len(free[0])), 0.0)
-    u.x.scatter_forward()
-    for k, mask in zip(problem.contacts, free[len(problem.unknowns) :], strict=True):
-        _choose_multipliers(k, mask, amplitude, rng)
-
-
-def _choose_multipliers(
-    k: Contact, free: npt.NDArray[np.bool_], amplitude: float, rng: np.random.Generator
-) -> None:
-    """Put each node into a random state, away from the kinks."""
-    n, d = k.surface.num_owned, k.surface.mesh.geometry.dim
-    c, mask = k.c.x.array[: n * d].reshape(n, d), free[: n * d].reshape(n, d)
-    kind = rng.permutation(np.arange(n) % 3)
-    kinematic = k.nodal()
-    traction = k.r.x.array[:n] * amplitude
-    pressure = np.where(kind == OPEN, -1.0, 1.0) * traction * rng.uniform(MARGIN, 2.0, n)
-    c[:, 0] = kinematic.r * kinematic.gap + pressure
-    k.c.x.scatter_forward()
-    limit = k.nodal().limit
-    # The trial traction c_t - r s: of half or twice the limit, in the disk variables of the law.
-    trial = rng.normal(size=(n, d - 1))
-    trial /= np.linalg.norm(trial, axis=1)[:, None]
-    length = np.where(kind == STICK, MARGIN, 1.0 / MARGIN) * limit
-    trial *= np.where((limit > 0.0) & (limit < UNLIMITED), length, traction)[:, None]
-    disk = trial + kinematic.r[:, None] * kinematic.slip
-    c[:, 1:] = np.einsum("ijk,ik->ij", _from_disk(k), disk)
-    c[~mask] = 0.0
-    k.c.x.scatter_forward()
-
-
-def _from_disk(k: Contact) -> Array:
-    """Return each node's linear map from the law's disk variables to tangential tractions."""
-    n, d = k.surface.num_owned, k.surface.mesh.geometry.dim
-    kept, columns = k.c.x.array.copy(), []
-    for axis in range(1, d):
-        k.c.x.array.reshape(-1, d)[:, 1:] = np.eye(d - 1)[axis - 1]
-        columns.append(k.nodal().c[:, 1:])
-    k.c.x.array[:] = kept
-    return np.linalg.inv(np.stack(columns, axis=2)) if n else np.empty((0, d - 1, d - 1))
-
-
 def _count(problem: FrictionalContactProblem, k: Contact) -> tuple[int, int, int]:
     """Count the open, sticking and slipping nodes of a contact."""
     nodal = k.nodal()
     counts = np.bincount(nodal.states()[nodal.takes_part], minlength=3)
     total = problem.comm.allreduce(counts, MPI.SUM)
     return int(total[OPEN]), int(total[STICK]), int(total[SLIP])
-
-
-# -- the comparison --------------------------------------------------------------------------
 
 
 class _Found(NamedTuple):

@@ -25,7 +25,8 @@ class StepSettings:
         normal: Normal complementarity function, ``"chen-mangasarian"`` (the paper's),
             ``"fischer-burmeister"`` or ``"min"``.
         fallbacks: How many further ways to try when full Newton steps fail; all by default. Where a
-            step can be cut instead, few are cheaper, see :data:`fenicsx_friction.step.FALLBACKS`.
+            step can be cut instead, few are cheaper, see
+            :data:`fenicsx_friction.correctors.FALLBACKS`.
         raise_on_uncertified: Raise :class:`~fenicsx_friction.errors.StepFailed`, or else return
             the report with ``certified == False``. The state is the last accepted one either way.
     """

@@ -2,38 +2,27 @@
 """Load stepping: adaptive, transactional, with error control, audit and event log."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import NoReturn
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from .collective import on_all_ranks
 from .diagnosis import SMALLER_STEP, NodeWatch
 from .energy import EnergyAudit, EnergyBalance
-from .errors import ContactInputError, StepFailed
+from .errors import StepFailed
 from .events import EventLog, find_events
 from .problem import FrictionalContactProblem
+from .progress import step_progress
 from .relaxation import ViscousRelaxation
 from .report import FailedAttempt, StepRecord, StepReport
 from .state import ProblemSnapshot
-
-#: Factors of the step after a failure and after an easy step.
-CUT, GROW = 0.5, 1.5
-#: Bounds of the factor that the step-doubling error asks for, and its safety.
-SHRINK_MOST, GROW_MOST, SAFETY = 0.1, 2.0, 0.9
-#: A step that would leave less than this fraction of itself to a stop goes to the stop.
-SLIVER = 1e-6
-#: The smallest step by default, as a fraction of the first.
-SMALLEST = 1e-3
+from .step_size import StepSize, doubling_error
 
 FAILURE_ADVICE = (
     "Smaller steps did not help. Where a body snaps or loses its hold there is no solution nearby: "
@@ -71,7 +60,7 @@ class _Inaccurate(StepFailed):
             f"(tolerance {tolerance:.0e}).",
             report,
         )
-        self.factor = _error_factor(error, tolerance, CUT)
+        self.error = error
 
 
 @dataclass(frozen=True)
@@ -122,7 +111,6 @@ class LoadStepper:
 
     Attributes:
         time: Where the last accepted step ended.
-        next_step: Size of the next step, stops aside.
     """
 
     def __init__(
@@ -146,28 +134,31 @@ class LoadStepper:
         progress: bool = True,
     ) -> None:
         self.problem, self.loads, self.time, self.end = problem, loads, start, end
-        self.smallest = SMALLEST * step if smallest is None else smallest
-        self.largest = (step if error is None else end - start) if largest is None else largest
-        self.next_step, self.error, self.easy = step, error, easy
-        self._check(stops)
-        self._stops = [*sorted({t for t in stops if t < end}), end]
+        self._start = start
+        self._size = StepSize(start, end, step, smallest, largest, stops, error, easy)
         self._history, self._update, self._audit = history, update, audit
         self._relaxation = relaxation
         self._log = None if events is None else EventLog(events, problem)
         self._watch = NodeWatch(problem)
         self._solved: list[_Solved] = []
-        self._console, self._start = Console(), start
+        self._console = Console()
         self._shown = progress and problem.comm.rank == 0 and self._console.is_terminal
 
     def __iter__(self) -> Iterator[StepRecord]:
         """Make steps up to the end and hand out their records."""
-        with self._display() as show:
+        bar = step_progress(self._console, self._start, self.end, shown=self._shown)
+        with bar as show:
             while self._solved or self.time < self.end:
                 if not self._solved:
                     self._solved = self._solve()
                 record = self._accept(self._solved.pop(0))
                 show(record)
                 yield record
+
+    @property
+    def next_step(self) -> float:
+        """Size of the next step, stops aside."""
+        return self._size.next
 
     def run(self) -> list[StepRecord]:
         """Make all steps and return their records."""
@@ -181,37 +172,32 @@ class LoadStepper:
         self._before = self.problem.accepted
         failed: tuple[FailedAttempt, ...] = ()
         while True:
-            goal = self._goal()
+            goal = self._size.goal(self.time)
             step = goal - self.time
             try:
                 solved = self._attempt(goal, last)
             except StepFailed as failure:
                 failed += (FailedAttempt(goal, step, str(failure).split(";")[0]),)
                 self._go_back(last)
-                if self._relaxation is not None and self._is_stuck(step, failure):
-                    return [replace(self._relax(goal, last, failure, failed), failed=failed)]
-                self._cut(step, failure, failed)
+                if self._size.is_smallest(step):
+                    if self._relaxation is None or isinstance(failure, _Inaccurate):
+                        self._give_up(failure, failed)
+                    return [replace(self._relax(goal, last, failed), failed=failed)]
+                self._size.cut(step, failure.error if isinstance(failure, _Inaccurate) else None)
             except BaseException:
                 self._go_back(last)
                 raise
             else:
-                self._adapt(solved, step, cut=bool(failed))
+                iterations = [s.report.iterations for s in solved]
+                self._size.adapt(step, iterations, solved[0].error, was_cut=bool(failed))
                 return [replace(solved[0], failed=failed), *solved[1:]]
-
-    def _goal(self) -> float:
-        """Return where the next step ends: at the next stop, if it reaches so far."""
-        stop = next(t for t in self._stops if t > self.time)
-        return (
-            stop
-            if stop - self.time <= self.next_step * (1.0 + SLIVER)
-            else (self.time + self.next_step)
-        )
 
     def _attempt(self, goal: float, last: ProblemSnapshot) -> list[_Solved]:
         """Solve the step to ``goal``; with error control in two ways, and return its halves."""
-        before = self._tractions() if self.error else []
+        tolerance = self._size.tolerance
+        before = self._tractions() if tolerance else []
         whole = self._advance(self.time, goal)
-        if self.error is None:
+        if tolerance is None:
             return [whole]
         tractions = [before, self._tractions()]
         last.restore()
@@ -220,9 +206,9 @@ class LoadStepper:
             half = self._advance(begin, end)
             halves.append(replace(half, states=(ProblemSnapshot(self.problem, self._history),)))
             tractions.append(self._tractions())
-        error = self._relative_error(*tractions)
-        if error > self.error:
-            raise _Inaccurate(error, self.error, halves[-1].report)
+        error = doubling_error(self.problem.comm, *tractions)
+        if error > tolerance:
+            raise _Inaccurate(error, tolerance, halves[-1].report)
         return [replace(half, error=error) for half in halves]
 
     def _advance(self, begin: float, end: float) -> _Solved:
@@ -241,16 +227,8 @@ class LoadStepper:
             self._update()
         return _Solved(end, end - begin, report)
 
-    def _is_stuck(self, step: float, failure: StepFailed) -> bool:
-        """Tell whether the smallest step has no solution."""
-        return step <= self.smallest * (1.0 + SLIVER) and not isinstance(failure, _Inaccurate)
-
     def _relax(
-        self,
-        goal: float,
-        last: ProblemSnapshot,
-        failure: StepFailed,
-        failed: tuple[FailedAttempt, ...],
+        self, goal: float, last: ProblemSnapshot, failed: tuple[FailedAttempt, ...]
     ) -> _Solved:
         """Let the problem creep to its next equilibrium under the loads of the goal."""
         assert self._relaxation is not None
@@ -273,7 +251,7 @@ class LoadStepper:
         except BaseException:
             self._go_back(last)
             raise
-        self.next_step = max(failed[0].step * CUT, self.smallest)
+        self._size.cut(failed[0].step)
         return _Solved(goal, goal - self.time, report, tuple(states), relaxed=increments)
 
     def _accept(self, solved: _Solved) -> StepRecord:
@@ -318,70 +296,21 @@ class LoadStepper:
         finally:
             last.restore()
 
-    # -- how large a step --------------------------------------------------------------------
-
-    def _cut(self, step: float, failure: StepFailed, failed: tuple[FailedAttempt, ...]) -> None:
-        """Make the next step smaller, or give up."""
-        factor = failure.factor if isinstance(failure, _Inaccurate) else CUT
-        self.next_step = max(step * factor, self.smallest)
-        if step <= self.smallest * (1.0 + SLIVER):
-            self._give_up(failure, failed)
-
     def _give_up(self, failure: StepFailed, failed: tuple[FailedAttempt, ...]) -> NoReturn:
         """Raise the failure of the path."""
         message = "\n".join(self._explain(failure, failed))
         raise StepperFailed(message, failure.report, self.time, failed) from failure
 
-    def _adapt(self, solved: Sequence[_Solved], step: float, *, cut: bool) -> None:
-        """Choose the next step after a solved one: larger after an easy one that was not cut."""
-        easy = not cut and all(s.report.iterations <= self.easy for s in solved)
-        factor = GROW if easy else 1.0
-        if self.error is not None and solved[0].error is not None:
-            factor = _error_factor(solved[0].error, self.error, GROW_MOST if easy else 1.0)
-        if step > self.next_step * (1.0 - SLIVER) or factor < 1.0:  # a stop may have cut it short
-            self.next_step = min(max(step * factor, self.smallest), self.largest)
-
     def _tractions(self) -> list[npt.NDArray[np.floating]]:
         """Return the traction vectors of this rank's nodes in global axes (Pa)."""
         return [k.nodal_traction() for k in self.problem.contacts]
-
-    def _relative_error(self, *states: list[npt.NDArray[np.floating]]) -> float:
-        """Compare the tractions of the whole step with those of two halves; collective.
-
-        Args:
-            states: Tractions at the start, after the whole step, after one half and after two.
-        """
-        _, whole, _, halves = states
-        values = [t for state in states for t in state]
-        difference = [a - b for a, b in zip(whole, halves, strict=True)]
-        local = [_longest(difference), _longest(values)]
-        error, scale = _largest(self.problem.comm, local)
-        return error / scale if scale > 0.0 else 0.0
-
-    # -- set-up, messages, display -------------------------------------------------------------
-
-    def _check(self, stops: Sequence[float]) -> None:
-        """Refuse sizes and times that make no path."""
-        if not (np.isfinite([self.time, self.end]).all() and self.time < self.end):
-            raise ContactInputError(
-                f"The path must go from start = {self.time} up, not {self.end}."
-            )
-        if not 0.0 < self.smallest <= self.next_step <= self.largest:
-            raise ContactInputError(
-                f"Steps need 0 < smallest <= step <= largest, not {self.smallest}, "
-                f"{self.next_step}, {self.largest}."
-            )
-        if outside := [t for t in stops if not self.time < t <= self.end]:
-            raise ContactInputError(f"The stops {outside} are not in ({self.time}, {self.end}].")
-        if self.error is not None and not 0.0 < self.error < float("inf"):
-            raise ContactInputError(f"error = {self.error} must be positive and finite.")
 
     def _explain(self, failure: StepFailed, failed: Sequence[FailedAttempt]) -> list[str]:
         """Say what was tried, what went wrong and what to do; collective."""
         inaccurate = isinstance(failure, _Inaccurate)
         return [
             f"No step from time {self.time:.10g} was accepted, down to {failed[-1].step:.3g} "
-            f"(smallest = {self.smallest:.3g}). The problem is at its last accepted step, "
+            f"(smallest = {self._size.smallest:.3g}). The problem is at its last accepted step, "
             f"{self.problem.num_steps}; loads were set back.",
             "Tried: " + "; ".join(f"step {f.step:.3g}: {f.reason}" for f in failed),
             *([] if inaccurate else self._watch.lines()),
@@ -389,46 +318,3 @@ class LoadStepper:
             *(f"  {line}" for line in str(failure).splitlines() if line != SMALLER_STEP),
             INACCURATE_ADVICE if inaccurate else FAILURE_ADVICE,
         ]
-
-    @contextmanager
-    def _display(self) -> Iterator[Callable[[StepRecord], None]]:
-        """Show a progress bar on the terminal of rank 0; hand out what updates it."""
-        columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
-        bar = Progress(
-            *columns, TimeElapsedColumn(), console=self._console, disable=not self._shown
-        )
-        task = bar.add_task("first step", total=self.end - self._start)
-
-        def show(record: StepRecord) -> None:
-            """Tell how the step went."""
-            states = np.sum([[k.open, k.stick, k.slip] for k in record.report.contacts], axis=0)
-            bar.update(
-                task,
-                completed=record.time - self._start,
-                description=f"step {record.report.step} to {record.time:.4g}: {record.step:.2g} in "
-                f"{record.report.iterations} it., open/stick/slip {'/'.join(map(str, states))}",
-            )
-
-        with bar:
-            yield show
-
-
-def _error_factor(error: float, tolerance: float, most: float) -> float:
-    """Return the factor of the step that a step-doubling error, of second order in it, allows."""
-    if error <= 0.0:
-        return most
-    return float(np.clip(SAFETY * np.sqrt(tolerance / error), SHRINK_MOST, most))
-
-
-def _largest(comm: MPI.Intracomm, values: npt.ArrayLike) -> list[float]:
-    """Return the largest of each value over the ranks; collective."""
-    largest = np.array(values, dtype=float)
-    comm.Allreduce(MPI.IN_PLACE, largest, MPI.MAX)
-    return list(largest.tolist())
-
-
-def _longest(vectors: Sequence[npt.NDArray[np.floating]]) -> float:
-    """Return the length of the longest row of the arrays."""
-    return max(
-        (float(np.max(np.linalg.norm(v, axis=1), initial=0.0)) for v in vectors), default=0.0
-    )
