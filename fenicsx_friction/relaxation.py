@@ -14,7 +14,7 @@ import ufl
 from dolfinx import default_scalar_type, fem
 from ufl.core.expr import Expr
 
-from .errors import StepFailed
+from .errors import ContactInputError, StepFailed
 from .report import StepReport
 
 if TYPE_CHECKING:
@@ -62,6 +62,13 @@ class ViscousRelaxation:
         """Return the virtual work of the viscous forces, to be added to the bulk residual."""
         mesh = self._u.function_space.mesh
         return ufl.inner(self.damping * (self._u - self.reference), v) * ufl.dx(mesh)
+
+    def check(self, problem: FrictionalContactProblem) -> None:
+        """Raise a ContactInputError unless the viscous forces are in the problem's residual."""
+        if self.damping not in problem.bulk.constants():
+            raise ContactInputError(
+                "The problem's F does not contain the relaxation: add relaxation.residual(v) to it."
+            )
 
     def settle(
         self, problem: FrictionalContactProblem, accepted: Callable[[], None]

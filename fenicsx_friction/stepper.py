@@ -138,6 +138,8 @@ class LoadStepper:
         self._size = StepSize(start, end, step, smallest, largest, stops, error, easy)
         self._history, self._update, self._audit = history, update, audit
         self._relaxation = relaxation
+        if relaxation is not None:
+            relaxation.check(problem)
         self._log = None if events is None else EventLog(events, problem)
         self._watch = NodeWatch(problem)
         self._solved: list[_Solved] = []
@@ -235,9 +237,11 @@ class LoadStepper:
         states: list[ProblemSnapshot] = []
 
         def accepted() -> None:
-            """Keep the increment."""
+            """Keep the increment, all of them for the audit."""
             if self._update is not None:
                 self._update()
+            if self._audit is None:
+                states.clear()
             states.append(ProblemSnapshot(self.problem, self._history))
 
         try:

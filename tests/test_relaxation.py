@@ -106,3 +106,9 @@ def test_a_snap_without_end_is_reported(comm, monkeypatch):
     assert relaxation.damping.value == 0.0
     assert problem.u.x.array == pytest.approx(problem.u_old.x.array, abs=0.0)
     assert problem.certify().certified
+
+
+def test_a_relaxation_that_is_not_in_the_residual_is_refused(comm):
+    problem, _, _, _, loads = arch(comm, "forgotten_", 0.3)
+    with pytest.raises(ff.ContactInputError, match=r"add relaxation\.residual\(v\)"):
+        path(loads, problem, relaxation=ff.ViscousRelaxation(problem.u))
