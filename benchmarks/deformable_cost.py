@@ -25,11 +25,11 @@ import fenicsx_friction as ff
 from fenicsx_friction import bulk
 from fenicsx_friction.coupled_solver import CoupledSolver
 from fenicsx_friction.coupling import Coupling
+from raous_cost import DIRECT, median
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 import demo_concentric_spheres as spheres
 
-DIRECT = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
 #: What is timed: a name, the class and its methods. No method of a part calls another of a part.
 PARTS = (
     ("search", ff.DeformableObstacle, ("anchor", "search")),
@@ -80,12 +80,7 @@ def time_elastic(problem: ff.FrictionalContactProblem) -> float:
         petsc_options=DIRECT,
         petsc_options_prefix="elastic_",
     )
-    times = []
-    for _ in range(3):
-        start = time.perf_counter()
-        elastic.solve()
-        times.append(time.perf_counter() - start)
-    return sorted(times)[1]
+    return median(elastic.solve, 3)
 
 
 def main() -> None:
