@@ -31,17 +31,17 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-import gmsh
 import matplotlib
 import numpy as np
 import ufl
-from dolfinx import fem, io
+from dolfinx import fem
 
 import fenicsx_friction as ff
 from deformable_output import draw_configuration, read_table, write_table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "meshes"))
 import concentric_spheres as geometry
+from from_gmsh import mesh_with_tags
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -82,11 +82,7 @@ class Model:
 
 def build(density: str, mu: float, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Model:
     """Mesh the spheres and state the problem."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Verbosity", 2)
-    geometry.build(density)
-    data = io.gmsh.model_to_mesh(gmsh.model, comm, 0, gdim=3)
-    gmsh.finalize()
+    data = mesh_with_tags(lambda: geometry.build(density), comm)
     msh, tags, tag = data.mesh, data.facet_tags, geometry.TAGS
     inner, outer = geometry.DENSITIES[density]
     names = ("inner contact", "outer contact")

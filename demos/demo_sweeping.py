@@ -30,17 +30,17 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-import gmsh
 import matplotlib
 import numpy as np
 import ufl
-from dolfinx import fem, io
+from dolfinx import fem
 
 import fenicsx_friction as ff
 from deformable_output import draw_configuration, write_table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "meshes"))
 import block_on_base as geometry
+from from_gmsh import mesh_with_tags
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -74,11 +74,7 @@ class Model:
 
 def build(mu: float, comm: MPI.Intracomm = MPI.COMM_WORLD, refinement: int = 1) -> Model:
     """Mesh the bodies and state the problem."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Verbosity", 2)
-    geometry.build(refinement)
-    data = io.gmsh.model_to_mesh(gmsh.model, comm, 0, gdim=3)
-    gmsh.finalize()
+    data = mesh_with_tags(lambda: geometry.build(refinement), comm)
     msh, tags, tag = data.mesh, data.facet_tags, geometry.TAGS
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, v, top = fem.Function(V, name="u"), ufl.TestFunction(V), fem.Function(V, name="top")
