@@ -16,7 +16,6 @@ import ufl
 from dolfinx import fem
 from scipy.sparse import csr_matrix
 
-from .compat import unrolled_bc_dofs
 from .errors import ContactInputError
 from .friction import Coulomb
 from .problem import FrictionalContactProblem
@@ -77,10 +76,8 @@ class ExactReference:
         d = V.mesh.geometry.dim
         self._residual = fem.form(problem.bulk)
         self._K = _stiffness(problem)
-        nodes = contact.surface.parent_dofs(V)
-        self._C = (nodes[:, None] * d + np.arange(d)).ravel()
-        fixed = [unrolled_bc_dofs(bc) for bc in problem.bcs]
-        self._D = np.unique(np.concatenate([*fixed, np.empty(0, dtype=np.int32)]))
+        self._C = (contact.parent_dofs[:, None] * d + np.arange(d)).ravel()
+        self._D = problem.constrained_dofs
         self._I = np.setdiff1d(np.arange(self._K.shape[0]), np.union1d(self._C, self._D))
         self._lu = spla.splu(self._K[self._I][:, self._I].tocsc())
         self._KCI = self._K[self._C][:, self._I]
