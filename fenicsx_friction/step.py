@@ -46,7 +46,8 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
         state.restore(problem.state, start)
         if attempt is not None:
             for k in problem.contacts:
-                k.obstacle.anchor()
+                if substeps:  # an attempt before has changed the pairs
+                    k.obstacle.anchor()
                 k.close_touching()
             with _scaled(problem, attempt.r_factor):
                 substeps += correct(problem, attempt, forces)
