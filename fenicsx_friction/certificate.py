@@ -13,10 +13,11 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from .bodies import Groups
+from .scales import RESOLVED, Scales
+
 Array = npt.NDArray[np.floating]
 OPEN, STICK, SLIP = 0, 1, 2
-#: Tractions below this fraction of the step's forces set no scale.
-FAINT = 1e-4
 #: Limits (Pa) from here on mean permanent stick.
 UNLIMITED = 1e299
 
@@ -30,7 +31,7 @@ class NodalState:
         slip: Slip increment of the step (m), ``gdim - 1`` columns.
         limit: Friction limit (Pa) at the pressure ``max(c_n - r gap, 0)``.
         c: Multipliers ``(c_n, c_t)`` (Pa).
-        r: Scale (Pa/m).
+        r: Scale of the natural map (Pa/m): the stiffness of the bulk over the area.
         area: Nodal area.
         free: False for the prescribed directions; a node with a prescribed normal is no
             contact node.
@@ -81,23 +82,31 @@ class Certificate:
     """Violation of each condition of eqs. (3)-(5) and of equilibrium; largest over the nodes.
 
     ``R_n = c_n - max(c_n - r g, 0)`` and ``R_t = c_t - P(c_t - r s)`` vanish, with equilibrium,
-    if and only if the step solves the unsmoothed Signorini-Coulomb increment.
+    if and only if the step solves the unsmoothed Signorini-Coulomb increment. Relative numbers are
+    the worst of all groups, each by its own scale: a natural map by the largest traction of that
+    contact on that body, equilibrium by the largest force on that body.
 
     Attributes:
         normal_map: ``|R_n|`` (Pa).
         tangential_map: ``|R_t|`` (Pa).
-        penetration: ``max(-g)`` (m).
+        penetration: ``max(-g)`` (m), of all nodes.
         tension: ``max(-c_n)`` (Pa).
         complementarity: ``|c_n g|`` (J/m²).
         cone: ``|c_t| - limit`` (Pa).
         alignment: ``limit |s| + c_t . s``, the power missing to slip opposite to the traction
             (J/m²).
+        negative_limit: How far the friction limit is below zero (Pa).
+        negative_dissipation: Frictional power of the wrong sign (J/m²).
         equilibrium: Largest nodal residual force on the free dofs (N, per unit depth in 2D).
-        rounding: Force (N) that rounding hides at displacements of this size; what it hides is not
-            certified. Large where a body is not held.
+        natural_map: Largest natural-map residual, relative.
+        unbalanced: Largest residual of equilibrium and of further equations, relative.
+        unphysical: Largest negative limit or dissipation, relative.
         boundary: Largest distance from a prescribed value, relative to the largest value.
-        traction_scale: The traction (Pa) that makes the maps relative.
-        force_scale: The force (N) that makes equilibrium relative.
+        pushed: How far conditions push held nodes into an obstacle (m), beyond how they started.
+        resolution: The relative accuracy that rounding permits for the faintest body or contact
+            that carries forces. Where it is coarser than the tolerance, it takes its place.
+        traction_scale: The largest traction (Pa).
+        force_scale: The largest force (N).
         tolerance: Relative tolerance of :attr:`certified`.
         certifiable: False if some law states no cone: then ``tangential_map`` is its own residual,
             and the state is solved but not certified.
@@ -110,31 +119,36 @@ class Certificate:
     complementarity: float
     cone: float
     alignment: float
+    negative_limit: float
+    negative_dissipation: float
     equilibrium: float
-    rounding: float
+    natural_map: float
+    unbalanced: float
+    unphysical: float
     boundary: float
+    pushed: float
+    resolution: float
     traction_scale: float
     force_scale: float
     tolerance: float
     certifiable: bool = True
 
     @property
-    def natural_map(self) -> float:
-        """Largest natural-map residual relative to the traction scale."""
-        worst = float(np.max([self.normal_map, self.tangential_map]))
-        return _ratio(worst, self.traction_scale)
+    def relative(self) -> float:
+        """The worst of natural map, equilibrium, sign of friction and boundary values, relative."""
+        # np.max hands NaN on, max() may not.
+        parts = [self.natural_map, self.unbalanced, self.unphysical, self.boundary]
+        return float(np.max(parts))
 
     @property
-    def relative(self) -> float:
-        """The worst of natural map, equilibrium, rounding and boundary values, relative."""
-        # np.max hands NaN on, max() may not.
-        force = float(np.max([self.equilibrium, self.rounding]))
-        return float(np.max([self.natural_map, _ratio(force, self.force_scale), self.boundary]))
+    def resolved(self) -> bool:
+        """Whether rounding leaves digits to all bodies and contacts that carry forces."""
+        return bool(self.resolution <= RESOLVED)
 
     @property
     def solved(self) -> bool:
-        """Whether all residuals are within the tolerance."""
-        return bool(self.relative <= self.tolerance)
+        """Whether all residuals are within the tolerance, and can be told from rounding."""
+        return bool(self.relative <= self.tolerance and self.resolved and self.pushed <= 0.0)
 
     @property
     def certified(self) -> bool:
@@ -147,14 +161,29 @@ class Certificate:
         return entries | {"relative": self.relative, "certified": self.certified}
 
 
+#: Rows of :func:`_violations`, by the names of the certificate, and two lengths (m).
+NODAL = (
+    "normal_map",
+    "tangential_map",
+    "penetration",
+    "tension",
+    "complementarity",
+    "cone",
+    "alignment",
+    "negative_limit",
+    "negative_dissipation",
+)
+
+
 def certify(
     comm: MPI.Intracomm,
     states: Sequence[NodalState],
     *,
-    equilibrium: float,
-    force_scale: float,
-    rounding: float,
+    surfaces: Sequence[Groups],
+    scales: Scales,
+    unbalanced: Array,
     boundary: float,
+    pushed: float,
     tolerance: float,
 ) -> Certificate:
     """Certify a state; collective.
@@ -162,52 +191,79 @@ def certify(
     Args:
         comm: Communicator of the mesh.
         states: The nodal values of all contacts on this rank.
-        equilibrium: Largest residual force on the free dofs (N), equal on all ranks.
-        force_scale: Largest force of the state (N): contact, reaction or load.
-        rounding: Force (N) that rounding hides, equal on all ranks.
+        surfaces: Groups the nodes of each contact by body.
+        scales: Scales of all bodies (N), then of the bodies of each contact (Pa), then of further
+            equations (N).
+        unbalanced: Largest residual of each body and further equation (N), equal on all ranks.
         boundary: Relative distance from prescribed values, equal on all ranks.
+        pushed: How far conditions push held nodes into an obstacle (m), equal on all ranks.
         tolerance: Relative tolerance.
 
     Returns:
-        The certificate, equal on all ranks. Tractions are relative to the largest contact
-        traction, or to :data:`FAINT` of the force scale over the smallest nodal area where
-        contact is fainter still.
+        The certificate, equal on all ranks.
     """
-    names = [f.name for f in fields(Certificate)][:7]
-    worst = np.zeros(len(names))
-    traction = np.zeros(2)
-    for state in states:
-        part = state.takes_part
-        c_n, c_t = state.c[:, 0], np.linalg.norm(state.c[:, 1:], axis=1)
-        work = state.limit * np.linalg.norm(state.slip, axis=1) + np.einsum(
-            "ij,ij->i", state.c[:, 1:], state.slip
-        )
-        signorini = [-state.gap, -c_n, abs(c_n * state.gap)]
-        # A limit beyond any traction has no power to compare with.
-        work = np.where(state.limit < UNLIMITED, work, 0.0)
-        quantities = [*state.natural_map(), *signorini, c_t - state.limit, abs(work)]
-        worst = np.maximum(worst, [np.max(q * part, initial=0.0) for q in quantities])
-        largest = np.max(np.hypot(c_n, c_t), initial=0.0)
-        per_area = np.max(1.0 / state.area, initial=0.0)
-        traction = np.maximum(traction, [largest, FAINT * force_scale * per_area])
-    everything = np.array([*worst, *traction])
+    found = [_by_body(_violations(s), g) for s, g in zip(states, surfaces, strict=True)]
+    worst = np.concatenate(found, axis=1)
     # NaN may pass for the smaller number in MAX; infinity does not.
-    everything[~np.isfinite(everything)] = np.inf
-    comm.Allreduce(MPI.IN_PLACE, everything, op=MPI.MAX)
-    values = dict(zip(names, everything.tolist(), strict=False))
-    scale = float(max(everything[-2:]))
+    worst[~np.isfinite(worst)] = np.inf
+    comm.Allreduce(MPI.IN_PLACE, worst, op=MPI.MAX)
+    values = dict(zip(NODAL, worst, strict=False))
+    allowed = scales.allowed(tolerance) / tolerance
+    bodies = worst.shape[1] // max(len(states), 1)
+    equations = np.r_[0:bodies, bodies + worst.shape[1] : len(allowed)]
+    tractions = allowed[bodies : bodies + worst.shape[1]]
+    slip, elastic = worst[len(NODAL) :]
+    power = tractions * (slip + elastic)
     return Certificate(
-        **values,
-        equilibrium=equilibrium,
-        rounding=rounding,
+        **{name: float(np.max(row, initial=0.0)) for name, row in values.items()},
+        equilibrium=float(np.max(unbalanced[:bodies], initial=0.0)),
+        natural_map=_worst(np.maximum(values["normal_map"], values["tangential_map"]), tractions),
+        unbalanced=_worst(unbalanced, allowed[equations]),
+        unphysical=max(
+            _worst(values["negative_limit"], tractions),
+            _worst(values["negative_dissipation"], power),
+        ),
         boundary=boundary,
-        traction_scale=scale,
-        force_scale=force_scale,
+        pushed=pushed,
+        resolution=float(np.max(scales.resolution(tolerance), initial=0.0)),
+        traction_scale=float(np.max(scales.largest[bodies : bodies + worst.shape[1]], initial=0.0)),
+        force_scale=float(np.max(scales.largest[:bodies], initial=0.0)),
         tolerance=tolerance,
         certifiable=all(state.own_map is None for state in states),
     )
 
 
-def _ratio(value: float, scale: float) -> float:
-    """Return ``value / scale``, and ``value`` itself where there is no scale (no load at all)."""
-    return value / scale if 0.0 < scale < float("inf") else value
+def _violations(state: NodalState) -> Array:
+    """Return how far each node is from each condition, then slip and elastic length (m)."""
+    c_n, c_t = state.c[:, 0], np.linalg.norm(state.c[:, 1:], axis=1)
+    slip, part = np.linalg.norm(state.slip, axis=1), state.takes_part
+    power = np.einsum("ij,ij->i", state.c[:, 1:], state.slip)
+    # A limit beyond any traction has no power to compare with.
+    alignment = np.where(state.limit < UNLIMITED, state.limit * slip + power, 0.0)
+    normal, tangential = state.natural_map()
+    rows = [
+        normal,
+        tangential,
+        -state.gap,
+        -c_n * part,
+        abs(c_n * state.gap) * part,
+        (c_t - state.limit) * part,
+        abs(alignment) * part,
+        -state.limit * part,
+        power * part,
+        slip * part,
+        np.hypot(c_n, c_t) / state.r,
+    ]
+    return np.stack(rows)
+
+
+def _by_body(rows: Array, group: Groups) -> Array:
+    """Return the largest of each row, body by body, at least zero."""
+    return np.stack([group.largest(np.maximum(row, 0.0)) for row in rows])
+
+
+def _worst(values: Array, scales: Array) -> float:
+    """Return the largest ratio; a value without a scale (no load at all) counts itself."""
+    known = (scales > 0.0) & np.isfinite(scales)
+    ratio = np.divide(values, scales, out=values.copy(), where=known)
+    return float(np.max(ratio, initial=0.0))

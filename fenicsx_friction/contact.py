@@ -14,7 +14,6 @@ from ufl.core.expr import Expr
 
 from . import frame, laws
 from .certificate import OPEN, NodalState
-from .conditions import constrained
 from .errors import ContactInputError
 from .friction import FrictionLaw, Sliding
 from .kinematics import Obstacle
@@ -24,6 +23,9 @@ from .surface import ContactSurface
 FALSE_ROOT = 1e-6
 #: A node touches at gaps below this fraction of its facets' size.
 TOUCH = 1e-8
+#: Sine of the angle between a held direction and the tangent plane that passes for rounding, and
+#: for the facets of a curved surface.
+OBLIQUE, OBLIQUE_FACES = 1e-6, 0.3
 
 
 class Contact:
@@ -40,8 +42,11 @@ class Contact:
         c: Multipliers ``(c_n, c_1[, c_2])``, tractions on the body in the contact frame (Pa).
         path: Length slid in contact up to the last accepted step (m).
         c_stick: Multipliers of the stick predictor, frozen for the slip corrector (Pa).
-        r: The scale ``r_p`` at each node (Pa/m).
+        r: The scale ``r_p`` at each node (Pa/m), of the rows that are solved.
+        scale: The stiffness of the bulk over the area (Pa/m): the scale of the certificate,
+            whatever ``r_p`` is.
         slipping: 1 at the nodes where the corrector uses the slip rows (15), else 0.
+        accepted: Nodal values of the last accepted step, or ``None``.
         slip_increment: Slip of the last accepted step (m), global vectors of the owned nodes.
         slip_scale: The length of :func:`~fenicsx_friction.laws.blended_slip` (m).
         free: 1 for the free directions of the contact frame, 0 for the prescribed ones.
@@ -72,9 +77,11 @@ class Contact:
         self.hint = fem.Function(Q, name="tangent_hint")
         self.path = fem.Function(S, name="slip_path")
         self.r = fem.Function(S, name="r_p")
+        self.scale = fem.Function(S, name="scale")
         self.slipping = fem.Function(S, name="slipping")
         self.slip_scale = fem.Function(S, name="slip_scale")
         self.slip_scale.x.array[:] = 1.0
+        self.accepted: NodalState | None = None
 
     def bind(self, u: fem.Function, u_old: fem.Function, dt: fem.Constant, normal: str) -> None:
         """Derive kinematics and law for the displacement ``u`` and its last accepted value.
@@ -111,7 +118,7 @@ class Contact:
             slip, c_t = metric * slip, ufl.inv(metric) * c_t
             stick = ufl.inv(metric) * stick
         self._metric, self._slip, self._c_t, self._stick = metric, slip, c_t, stick
-        pressure = self.c[0] - self.r * kin.gap
+        pressure = self.c[0] - self.scale * kin.gap
         limit = self._limit(laws.positive(pressure))
         limits = [limit, self.friction.limit(ufl.as_ufl(1.0), self.sliding)]
         limits.append(self._scale * self.friction.limit(self.c[0], self.sliding))
@@ -126,7 +133,7 @@ class Contact:
         self._position = self.evaluator(X + u)
         self._own_row = None
         if not self.friction.certifiable:
-            row = self.friction.row(slip, c_t, limit, self.r, ufl.as_ufl(0.0))
+            row = self.friction.row(slip, c_t, limit, self.scale, ufl.as_ufl(0.0))
             self._own_row = self.evaluator(ufl.as_vector([*row]))
 
     def _limit(self, pressure: Expr) -> Expr:
@@ -167,11 +174,14 @@ class Contact:
         return self._rows(eps, self.slipping * slip + (1.0 - self.slipping) * other)
 
     def _rows(self, eps: Expr, tangential: Expr) -> Expr:
-        """Stack the normal row on the tangential ones."""
+        """Stack the normal row on the tangential ones; prescribed directions carry nothing."""
         normal = self._normal_row(self.kinematics.gap, self.c[0], self.r, eps)
         if self._metric is not None:
             tangential = self._metric * tangential
-        return ufl.as_vector([normal, *tangential])
+        rows = [normal, *tangential]
+        return ufl.as_vector(
+            [self.free[k] * row + (1.0 - self.free[k]) * self.c[k] for k, row in enumerate(rows)]
+        )
 
     # -- nodal values --------------------------------------------------------------------
 
@@ -187,7 +197,11 @@ class Contact:
         return values
 
     def nodal(self) -> NodalState:
-        """Return the nodal values of this rank's nodes, tractions in the law's disk variables."""
+        """Return the nodal values of the last accepted step, the present ones before the first."""
+        return self.present() if self.accepted is None else self.accepted
+
+    def present(self) -> NodalState:
+        """Evaluate this rank's nodes, tractions in the law's disk variables; collective."""
         n, d = self.surface.num_owned, self.surface.mesh.geometry.dim
         values = self._evaluate()
         own = None if self._own_row is None else np.linalg.norm(self._own_row(), axis=1)
@@ -196,11 +210,24 @@ class Contact:
             slip=values[:, 1:d],
             limit=values[:, 2 * d - 1],
             c=np.column_stack([self.c.x.array[: n * d : d], values[:, d : 2 * d - 1]]),
-            r=self.r.x.array[:n].copy(),
-            area=self.surface.area.x.array[:n].copy(),
+            r=self.nodal_scale().copy(),
+            area=self.nodal_area().copy(),
             free=self.free.x.array[: n * d].reshape(n, d) > 0.5,
             own_map=own,
         )
+
+    def nodal_area(self) -> npt.NDArray[np.floating]:
+        """Return the areas of the owned nodes."""
+        return self.surface.area.x.array[: self.surface.num_owned]
+
+    def nodal_scale(self) -> npt.NDArray[np.floating]:
+        """Return the stiffness over the area (Pa/m) of the owned nodes."""
+        return self.scale.x.array[: self.surface.num_owned]
+
+    def multipliers(self) -> npt.NDArray[np.floating]:
+        """Return the multipliers (Pa) of the owned nodes, one row a node."""
+        n, d = self.surface.num_owned, self.surface.mesh.geometry.dim
+        return self.c.x.array[: n * d].reshape(n, d)
 
     def gap_and_friction(self) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
         """Return the owned nodes' gaps (m) and friction limits at unit pressure."""
@@ -215,12 +242,11 @@ class Contact:
         """Return the owned nodes' traction vectors on the body in global axes (Pa)."""
         return self._traction()
 
-    def stiffness_force(self) -> npt.NDArray[np.floating]:
-        """Return stiffness times displacement (N) at each owned node, which rounding goes with."""
+    def stiffness_traction(self) -> npt.NDArray[np.floating]:
+        """Return stiffness times displacement (Pa) at each owned node, which rounding goes with."""
         n, bs = self.surface.num_owned, self._u.function_space.dofmap.index_map_bs
         u = self._u.x.array.reshape(-1, bs)[self.parent_dofs[:n]]
-        stiffness = self.r.x.array[:n] * self.surface.area.x.array[:n]
-        return np.asarray(stiffness * np.linalg.norm(u, axis=1))
+        return np.asarray(self.nodal_scale() * np.linalg.norm(u, axis=1))
 
     def check_friction(self) -> None:
         """Raise a ContactInputError, on all ranks, unless the friction limit is ``>= 0``."""
@@ -249,7 +275,7 @@ class Contact:
         Returns:
             How many owned nodes were chosen.
         """
-        n, state = self.surface.num_owned, self.nodal()
+        n, state = self.surface.num_owned, self.present()
         traction = np.linalg.norm(state.c[:, 1:], axis=1)
         chosen = (traction > 0.0) & (state.c[:, 0] >= state.r * state.gap)
         if violated_only:
@@ -268,7 +294,7 @@ class Contact:
         ``c_t |w| + mu c_n w = 0`` holds at ``w = 0`` for any traction.
         """
         n = self.surface.num_owned
-        traction = np.linalg.norm(self.nodal().c[:, 1:], axis=1)
+        traction = np.linalg.norm(self.present().c[:, 1:], axis=1)
         limit = self._evaluate()[:, -1]
         slack = FALSE_ROOT * np.max(traction, initial=0.0)
         outside = traction > limit * (1.0 + FALSE_ROOT) + slack
@@ -278,52 +304,62 @@ class Contact:
     # -- from step to step ---------------------------------------------------------------------
 
     def commit(self) -> None:
-        """Keep the slip of the accepted step and add that of nodes in contact to the path."""
+        """Keep the accepted step and add the slip of nodes in contact to the path."""
         n = self.surface.num_owned
+        self.accepted = self.present()
         self.slip_increment = self._slip_vector()
-        closed = self.nodal().states() != OPEN
+        closed = self.accepted.states() != OPEN
         self.path.x.array[:n] += np.where(closed, self._slip_length()[:, 1], 0.0)
         self.path.x.scatter_forward()
 
-    def refresh_frames(self) -> None:
-        """Choose other first tangents where a frame became ill-defined, and turn ``c`` to them."""
+    def choose_frames(self) -> None:
+        """Choose anew what is prescribed of each frame, and its first tangent; collective.
+
+        Frames change where the normal has turned or other faces are met; the multipliers turn with
+        them.
+
+        Raises:
+            ContactInputError: If a node is held in a direction that is neither normal nor
+                tangential, so that its friction could not be told from the reaction.
+        """
         d, n = self.surface.mesh.geometry.dim, self.surface.num_owned
-        if d == 2:
-            return
+        fixed, normals = self._fixed_components(), self._normals()
+        self._refuse_oblique(fixed[:n], normals[:n])
+        free = np.where(frame.pinned_directions(normals, fixed), 0.0, 1.0)
         hints = self.hint.x.array.reshape(-1, d)
-        normals = self._normals()
-        steep = frame.steep_hints(normals, hints) & (self._fixed.sum(axis=1) != 1)
-        if not self.surface.mesh.comm.allreduce(bool(np.any(steep)), MPI.LOR):
+        changed = np.any(free != self.free.x.array.reshape(-1, d), axis=1)
+        changed |= frame.steep_hints(normals, hints) & (fixed.sum(axis=1) != 1)
+        if not self.surface.mesh.comm.allreduce(bool(np.any(changed)), MPI.LOR):
             return
         traction = self.nodal_traction()
-        hints[steep] = frame.choose_hints(normals, self._fixed)[steep]
-        vectors = [self.evaluator(e)() for e in self.kinematics.tangents]
-        c = self.c.x.array.reshape(-1, d)
-        for k, e in enumerate(vectors):
-            c[:n, k + 1] = np.einsum("ij,ij->i", traction, e)
+        self.free.x.array[:] = free.ravel()
+        hints[changed] = frame.choose_hints(normals, fixed)[changed]
+        self.obstacle.update()
+        c, turned = self.c.x.array.reshape(-1, d), changed[:n]
+        for k, tangent in enumerate(self._tangents):
+            along = np.einsum("ij,ij->i", traction, tangent())
+            c[:n, k + 1][turned] = along[turned]
+        c[:n] *= free[:n]
         self.c.x.scatter_forward()
 
     # -- set-up from the boundary conditions and the bulk stiffness ------------------------
 
     def set_scale(self, stiffness_diagonal: fem.Function) -> None:
-        """Set ``r_p`` at each node from the diagonal of the bulk stiffness (N/m)."""
+        """Set the scales at each node from the diagonal of the bulk stiffness (N/m)."""
         V = stiffness_diagonal.function_space
         bs = V.dofmap.index_map_bs
-        if self._r_p is not None:
-            self.r.x.array[:] = self._r_p
-            return
         diagonal = stiffness_diagonal.x.array.reshape(-1, bs)[self.parent_dofs].mean(axis=1)
-        self.r.x.array[:] = diagonal / self.surface.area.x.array
-        self.r.x.scatter_forward()
+        self.scale.x.array[:] = diagonal / self.surface.area.x.array
+        self.scale.x.scatter_forward()
+        self.r.x.array[:] = self.scale.x.array if self._r_p is None else self._r_p
 
     def close_touching(self) -> None:
         """Start nodes that touch, but for rounding, as closed ones.
 
         Open at the first iteration, they would hold a body that nothing else holds too late.
         """
-        gap = self.nodal().gap
-        n, d = len(gap), self.surface.mesh.geometry.dim
-        touch = TOUCH * self.surface.area.x.array[:n] ** (1.0 / (d - 1))
+        n, d = self.surface.num_owned, self.surface.mesh.geometry.dim
+        gap, touch = self.gap_and_friction()[0], self._touch()
         c_n = self.c.x.array[: n * d : d]
         touching = (c_n == 0.0) & (abs(gap) < touch) & (self.free.x.array[: n * d : d] > 0.5)
         c_n[touching] = 2.0 * self.r.x.array[:n][touching] * touch[touching]
@@ -333,26 +369,49 @@ class Contact:
         """Multiply ``r_p`` at all nodes."""
         self.r.x.array[:] *= factor
 
-    def pin_prescribed(
-        self, V: fem.FunctionSpace, bcs: list[fem.DirichletBC]
-    ) -> list[fem.DirichletBC]:
-        """Choose the frames and constrain the multipliers of prescribed directions to zero.
+    def hold(self, held: fem.Function) -> None:
+        """Set up the frames under the conditions; collective.
 
-        Returns:
-            The homogeneous conditions on the multipliers, one a component.
+        Args:
+            held: 1 at the dofs of the displacement under a condition, else 0.
         """
-        Q, gdim = self.surface.Q, V.mesh.geometry.dim
-        self._fixed = self._fixed_components(V, bcs)
+        d, n = self.surface.mesh.geometry.dim, self.surface.num_owned
+        self._held = held
+        self._tangents = [self.evaluator(e) for e in self.kinematics.tangents]
         normals = self._normals()
-        self.hint.x.array[:] = frame.choose_hints(normals, self._fixed).ravel()
-        pinned = frame.pinned_directions(normals, self._fixed)
-        self.free.x.array[:] = np.where(pinned, 0.0, 1.0).ravel()
-        return [
-            fem.dirichletbc(
-                0.0, (np.flatnonzero(pinned[:, k]) * gdim + k).astype(np.int32), Q.sub(k)
+        self.hint.x.array[:] = frame.choose_hints(normals, self._fixed_components()).ravel()
+        self.choose_frames()
+        self._overlap = np.maximum(-self.gap_and_friction()[0], 0.0) + self._touch()
+
+    def pushed(self, state: NodalState) -> float:
+        """Return how far conditions push held nodes into the obstacle (m), on this rank.
+
+        How deep they were at the beginning, by the facets of a mesh, say, does not count.
+        """
+        deeper = np.where(state.takes_part, 0.0, -state.gap - self._overlap)
+        return float(np.max(deeper, initial=0.0))
+
+    def _touch(self) -> npt.NDArray[np.floating]:
+        """Return the gap (m) below which a node touches, for each owned node."""
+        d = self.surface.mesh.geometry.dim
+        return np.asarray(TOUCH * self.nodal_area() ** (1.0 / (d - 1)))
+
+    def _refuse_oblique(
+        self, fixed: npt.NDArray[np.bool_], normals: npt.NDArray[np.floating]
+    ) -> None:
+        """Refuse nodes with friction that are held obliquely to the surface; collective."""
+        most = OBLIQUE_FACES if self.obstacle.deformable else OBLIQUE
+        rough = self.gap_and_friction()[1] > 0.0
+        bad = np.flatnonzero(frame.oblique(normals, fixed, most) & rough)
+        where = [", ".join(f"{xi:.6g}" for xi in self.surface.x[i][: len(normals[i])]) for i in bad]
+        found = [x for part in self.surface.mesh.comm.allgather(where) for x in part]
+        if found:
+            raise ContactInputError(
+                f"Contact '{self.surface.name}': boundary conditions hold {len(found)} nodes in a "
+                f"direction that is neither normal nor tangential to the obstacle, the first at "
+                f"({found[0]}); their friction cannot be told from the reaction. Hold these nodes "
+                "in whole, leave them out of the surface, or take Frictionless()."
             )
-            for k in range(gdim)
-        ]
 
     def _normals(self) -> npt.NDArray[np.floating]:
         """Return the normals of owned and ghost nodes."""
@@ -362,14 +421,12 @@ class Contact:
         normal.x.scatter_forward()
         return np.asarray(normal.x.array.reshape(-1, gdim))
 
-    def _fixed_components(
-        self, V: fem.FunctionSpace, bcs: list[fem.DirichletBC]
-    ) -> npt.NDArray[np.bool_]:
+    def _fixed_components(self) -> npt.NDArray[np.bool_]:
         """Return, for each local contact node, which Cartesian components are prescribed."""
-        fixed = constrained(V, bcs)
-        nodes = fixed.x.array.reshape(-1, V.dofmap.index_map_bs)[self.parent_dofs] > 0.5
+        bs = self._held.function_space.dofmap.index_map_bs
+        nodes = self._held.x.array.reshape(-1, bs)[self.parent_dofs] > 0.5
         both = fem.Function(self.surface.Q)
-        owned = self.obstacle.prescribed(fixed, nodes[: self.surface.num_owned])
+        owned = self.obstacle.prescribed(self._held, nodes[: self.surface.num_owned])
         both.x.array[: owned.size] = owned.ravel()
         both.x.scatter_forward()
         return np.asarray(both.x.array.reshape(nodes.shape) > 0.5)

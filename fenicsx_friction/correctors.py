@@ -16,8 +16,8 @@ from .substep import SubstepReport
 if TYPE_CHECKING:
     from .problem import FrictionalContactProblem
 
-#: Newton stops at this fraction of the step's forces; the certificate decides what it is worth.
-NEWTON_TOLERANCE = 1e-11
+#: Newton stops at this fraction of the certificate's tolerance.
+NEWTON_TOLERANCE = 1e-2
 #: Tolerance of the ramp's stages before the last, and of the predictor.
 STAGE_TOLERANCE = 1e-6
 #: Smallest blend ``xi`` before 0, and the finest reduction of ``xi`` tried.
@@ -64,6 +64,11 @@ FALLBACKS = (
 )
 
 
+def newton_tolerance(problem: FrictionalContactProblem) -> float:
+    """Return the relative tolerance of the last stage; the certificate decides its worth."""
+    return NEWTON_TOLERANCE * problem.settings.tolerance
+
+
 def correct(
     problem: FrictionalContactProblem, attempt: Attempt, forces: float
 ) -> list[SubstepReport]:
@@ -77,21 +82,21 @@ def correct(
         iterations = problem.settings.predictor_iterations
     reports = []
     if iterations > 0:
-        predictor = problem.run(problem.stick, STAGE_TOLERANCE * forces, eps=eps, max_it=iterations)
+        predictor = problem.run(problem.stick, STAGE_TOLERANCE, eps=eps, max_it=iterations)
         if not np.all(np.isfinite(predictor.residuals)) or "LINEAR" in predictor.reason:
             state.restore(problem.state, start)
         reports.append(predictor)
     if attempt.corrector == "ramp":
         reports += _ramp(problem, attempt, forces, eps)
-    reports.append(polish(problem, attempt, forces))
+    reports.append(polish(problem, attempt))
     return reports
 
 
-def polish(problem: FrictionalContactProblem, attempt: Attempt, forces: float) -> SubstepReport:
+def polish(problem: FrictionalContactProblem, attempt: Attempt) -> SubstepReport:
     """Solve the natural map."""
     return problem.run(
         problem.projection,
-        NEWTON_TOLERANCE * forces,
+        newton_tolerance(problem),
         line_search=attempt.line_search,
         max_it=attempt.max_it,
     )
@@ -111,7 +116,7 @@ def _ramp(
     while True:
         report = problem.run(
             problem.slip,
-            STAGE_TOLERANCE * forces,
+            STAGE_TOLERANCE,
             xi=xi,
             eps=eps * xi,
             line_search=attempt.line_search,
@@ -141,7 +146,7 @@ def _smooth(problem: FrictionalContactProblem, forces: float) -> list[SubstepRep
     reduction, good = 0.1, state.save(problem.state)
     while eps > 0.0 and reduction < FINEST_REDUCTION:
         report = problem.run(
-            problem.projection, STAGE_TOLERANCE * forces, eps=eps, line_search="bt", max_it=40
+            problem.projection, STAGE_TOLERANCE, eps=eps, line_search="bt", max_it=40
         )
         reports.append(report)
         if report.converged:
@@ -151,7 +156,7 @@ def _smooth(problem: FrictionalContactProblem, forces: float) -> list[SubstepRep
             reduction = np.sqrt(reduction)
         eps = last * reduction if last * reduction > SMALLEST_EPS * largest else 0.0
     reports.append(
-        problem.run(problem.projection, NEWTON_TOLERANCE * forces, line_search="bt", max_it=100)
+        problem.run(problem.projection, newton_tolerance(problem), line_search="bt", max_it=100)
     )
     return reports
 
@@ -165,7 +170,7 @@ def _add_friction(problem: FrictionalContactProblem, forces: float) -> list[Subs
     reports: list[SubstepReport] = []
     xi, reduction, good = 1.0, 1.0, state.save(problem.state)
     while reduction > SMALLEST_REDUCTION:
-        report = problem.run(problem.projection, NEWTON_TOLERANCE * forces, xi=xi)
+        report = problem.run(problem.projection, newton_tolerance(problem), xi=xi)
         reports.append(report)
         if report.converged:
             good, last = state.save(problem.state), xi
@@ -193,7 +198,7 @@ def _continue(problem: FrictionalContactProblem, forces: float) -> list[SubstepR
         dt = min(dt, 1.0 - t)
         good = state.save(problem.state)
         target = (1.0 - t - dt) * unbalanced
-        report = problem.run(problem.projection, NEWTON_TOLERANCE * forces, target=target)
+        report = problem.run(problem.projection, newton_tolerance(problem), target=target)
         reports.append(report)
         if report.converged:
             t, dt = t + dt, dt * 2.0

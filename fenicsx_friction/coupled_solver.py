@@ -9,18 +9,20 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx.fem.petsc import assign
 
+from .callbacks import Callbacks
 from .coupling import Coupling
 from .face_cells import Array
 
 
-class CoupledSolver:
-    """Hooks into the callbacks of a SNES; collective.
+class CoupledCallbacks(Callbacks):
+    """Adds the pairs to what the forms give; collective.
 
     The matrix of the forms keeps its own sparsity. The SNES solves with the sum of it and the
     element matrices, whose sparsity is made anew when the pairs change.
 
     Args:
         snes: The solver of a ``NonlinearProblem``.
+        row_scale: Factor of each owned row.
         unknowns: Its unknowns.
         coupling: The pairs.
         laws: Derivatives of the laws' rows, see ``Coupling.law_derivatives``.
@@ -29,19 +31,16 @@ class CoupledSolver:
     def __init__(
         self,
         snes: PETSc.SNES,
+        row_scale: Array,
         unknowns: Sequence[Any],
         coupling: Coupling,
         laws: Sequence[Callable[[], Array]],
     ) -> None:
+        super().__init__(snes, row_scale)
         self._coupling, self._laws, self._unknowns = coupling, laws, list(unknowns)
-        b, (residual, _, residual_data) = snes.getFunction()
-        self._forms, _, (jacobian, _, jacobian_data) = snes.getJacobian()
-        self._residual = lambda s, x, b: residual(s, x, b, **residual_data)
-        self._jacobian = lambda s, x, A: jacobian(s, x, A, A, **jacobian_data)
         self._total: PETSc.Mat | None = None
         self._elements: PETSc.Mat | None = None
         self._versions: tuple[int, ...] = ()
-        snes.setFunction(self._add_residual, b)
 
     def prepare(self, snes: PETSc.SNES, x: PETSc.Vec) -> None:
         """Give the SNES a matrix that fits to the pairs; collective."""
@@ -49,7 +48,7 @@ class CoupledSolver:
             return
         self._destroy()
         if not self._forms.isAssembled():
-            self._jacobian(snes, x, self._forms)  # only then it has its sparsity
+            self._form_jacobian(snes, x, self._forms)  # only then it has its sparsity
         size, comm = self._forms.getLocalSize(), self._forms.comm
         self._elements = PETSc.Mat().create(comm)
         self._elements.setSizes(((size[0], None), (size[1], None)))
@@ -63,19 +62,19 @@ class CoupledSolver:
         self._elements.setValuesCOO(np.zeros(len(rows)), addv=PETSc.InsertMode.INSERT_VALUES)
         self._total = self._forms.duplicate(copy=False)
         self._total.axpy(1.0, self._elements, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        snes.setJacobian(self._add_jacobian, self._total, self._total)
+        snes.setJacobian(self._call_jacobian, self._total, self._total)
         self._versions = self._coupling.versions
 
-    def _add_residual(self, snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
+    def assemble_residual(self, snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         """Assemble the residual."""
         self._follow(x)
-        self._residual(snes, x, b)
+        self._form_residual(snes, x, b)
         self._coupling.add_residual(b, lambda: self._coupling.matrices(self._laws))
 
-    def _add_jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+    def assemble_jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat) -> None:
         """Assemble the Jacobian."""
         self._follow(x)
-        self._jacobian(snes, x, self._forms)
+        self._form_jacobian(snes, x, self._forms)
         values = [m.ravel() for m in self._coupling.matrices(self._laws)]
         assert self._elements is not None
         self._elements.setValuesCOO(np.concatenate(values), addv=PETSc.InsertMode.INSERT_VALUES)

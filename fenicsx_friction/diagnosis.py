@@ -84,8 +84,20 @@ def _advice(report: StepReport) -> list[str]:
     reasons = {s.reason for s in report.substeps}
     advice = []
     certificate = report.certificate
-    loose = certificate.rounding > certificate.tolerance * certificate.force_scale
-    if loose or any("LINEAR" in reason for reason in reasons):
+    if certificate.pushed > 0.0:
+        advice.append(
+            f"Boundary conditions push held nodes {certificate.pushed:.3g} m into an obstacle."
+        )
+    if certificate.unphysical > certificate.tolerance:
+        advice.append(
+            "The friction limit or the dissipation is negative: a law must return a limit >= 0."
+        )
+    if not certificate.resolved:
+        advice.append(
+            "A body or contact carries forces too faint to be resolved beside its displacements: "
+            f"rounding leaves {certificate.resolution:.0e} of them."
+        )
+    if not certificate.resolved or any("LINEAR" in reason for reason in reasons):
         advice.append(
             "A linear solve failed or displacements went out of bounds: is the body held, by bcs "
             "or by contact that touches?"
@@ -103,13 +115,8 @@ def _node(contact: Contact, i: int) -> str:
 
 def _dominant(certificate: Certificate) -> str:
     """Name the largest relative residual."""
-    scales = {
-        "normal map": (certificate.normal_map, certificate.traction_scale),
-        "tangential map": (certificate.tangential_map, certificate.traction_scale),
-        "equilibrium": (certificate.equilibrium, certificate.force_scale),
-        "rounding": (certificate.rounding, certificate.force_scale),
-    }
-    relative = {name: value / (scale or 1.0) for name, (value, scale) in scales.items()}
+    names = ("natural map", "unbalanced", "unphysical", "boundary")
+    relative = {name: getattr(certificate, name.replace(" ", "_")) for name in names}
     name = max(relative, key=lambda n: np.nan_to_num(relative[n], nan=np.inf, posinf=np.inf))
     return f"{name}, {relative[name]:.2e} relative"
 

@@ -58,6 +58,12 @@ def pinned_directions(normals: Array, fixed: Mask) -> Mask:
     return pinned
 
 
+def oblique(normals: Array, fixed: Mask, most: float) -> Mask:
+    """Tell where prescribed directions are neither normal nor, but for ``most``, tangential."""
+    along = np.linalg.norm(np.where(fixed, normals, 0.0), axis=1)
+    return np.asarray((along > most) & ~_is_held(normals, fixed))
+
+
 def _is_held(normals: Array, fixed: Mask) -> Mask:
     """Tell where the displacement along the normal is prescribed."""
     return np.asarray(np.linalg.norm(np.where(fixed, 0.0, normals), axis=1) < PRESCRIBED_NORMAL)

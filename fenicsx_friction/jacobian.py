@@ -149,7 +149,7 @@ def check_jacobian(
 
 def _count(problem: FrictionalContactProblem, k: Contact) -> tuple[int, int, int]:
     """Count the open, sticking and slipping nodes of a contact."""
-    nodal = k.nodal()
+    nodal = k.present()
     counts = np.bincount(nodal.states()[nodal.takes_part], minlength=3)
     total = problem.comm.allreduce(counts, MPI.SUM)
     return int(total[OPEN]), int(total[STICK]), int(total[SLIP])

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: MIT
 """The frictional contact problem: the user's bulk residual with contact rows beside it."""
 
+import weakref
 from collections.abc import Callable, Mapping, Sequence
+from itertools import zip_longest
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
@@ -16,10 +19,12 @@ from ufl.core.expr import Expr
 from . import step
 from .certificate import OPEN, SLIP, STICK, Certificate, NodalState, certify
 from .checks import check_problem
-from .conditions import constrained_dofs, with_conditions
+from .collective import on_all_ranks
+from .conditions import constrained, constrained_dofs, with_conditions
 from .contact import Contact
 from .coupling import Coupling
 from .errors import ContactInputError
+from .forces import ForceScales, force_units
 from .measures import share_facet_data
 from .report import ContactReport, StepReport
 from .settings import StepSettings
@@ -41,16 +46,20 @@ class FrictionalContactProblem:
         entity_maps: Entity maps of further meshes in ``F``; those of the contacts are added.
         settings: How a step is solved.
 
+    Raises:
+        ContactInputError: For arguments that cannot make a contact problem; the contacts are free
+            for another one.
+
     Attributes:
         u: The displacement.
         u_old: The displacement of the last accepted step.
         contacts: The contacts; ``contact.c`` are the multipliers.
         dt: Length of the step (s), ``fem.Constant``; only rate-dependent laws need it.
         num_steps: Number of accepted steps.
-        accepted: Nodal values of each contact (this rank's nodes) in the last accepted step.
         monitor: Called with each :class:`~fenicsx_friction.substep.SubstepReport`, or ``None``.
         coupling: The pairs of contacts with deformable obstacles, or ``None`` without any.
         constrained_dofs: Dofs of ``u`` under a boundary condition (local, unrolled).
+        scales: Measures residuals by the forces of each body and contact.
         bulk: The momentum balance without contact, ready to be assembled.
         stick: The stick predictor, eq. (14).
         slip: The slip corrector, eq. (15).
@@ -72,7 +81,7 @@ class FrictionalContactProblem:
         blocks = [F] if isinstance(F, ufl.Form) else list(F)
         self.unknowns = [u] if isinstance(u, fem.Function) else list(u)
         self.contacts = [contact] if isinstance(contact, Contact) else list(contact)
-        self.settings = settings or StepSettings()
+        self._settings = settings or StepSettings()
         self.bcs = list(bcs or [])
         self.u = self.unknowns[0]
         check_problem(blocks, self.unknowns, self.contacts, petsc_options_prefix)
@@ -81,27 +90,56 @@ class FrictionalContactProblem:
         self.u_old = fem.Function(V, name="u_old")
         self.u_old.x.array[:] = self.u.x.array
         self.num_steps = 0
-        self.accepted: list[NodalState] = []
         self.monitor: Callable[[SubstepReport], None] | None = None
         self._xi = fem.Constant(V.mesh, default_scalar_type(0.0))
         self._eps = fem.Constant(V.mesh, default_scalar_type(0.0))
+        self._ramp_sign = fem.Constant(V.mesh, default_scalar_type(self.settings.ramp_sign))
         self.dt = fem.Constant(V.mesh, default_scalar_type(1.0))
+        kept = [(part, dict(vars(part))) for k in self.contacts for part in (k, k.obstacle)]
+        try:
+            self._set_up(blocks, petsc_options_prefix, petsc_options, entity_maps)
+        except BaseException:
+            for part, attributes in kept:
+                vars(part).clear()
+                vars(part).update(attributes)
+            raise
 
+    def _set_up(
+        self,
+        blocks: list[ufl.Form],
+        prefix: str,
+        options: Mapping[str, object] | None,
+        entity_maps: Sequence[mesh.EntityMap] | None,
+    ) -> None:
+        """Bind the contacts and make forms, scales and substeps."""
+        V = self.u.function_space
         self._entity_maps = [*(entity_maps or []), *(k.surface.entity_map for k in self.contacts)]
         blocks, measures = share_facet_data(blocks, [k.surface for k in self.contacts])
-        self._set_up_contacts(blocks[0])
+        stiffness = self._set_up_contacts(blocks[0])
         self.bulk = blocks[0]
         self._momentum = self.bulk - sum(
             ufl.inner(k.kinematics.traction(k.c), blocks[0].arguments()[0]) * ds
             for k, ds in zip(self.contacts, measures, strict=True)
         )
-        self._momentum_form = fem.form(self._momentum, entity_maps=self._entity_maps)
-        self._bulk_form = fem.form(self.bulk, entity_maps=self._entity_maps)
+        self._momentum_form, self._bulk_form, *self._other_forms = (
+            fem.form(f, entity_maps=self._entity_maps)
+            for f in (self._momentum, self.bulk, *blocks[1:])
+        )
         self.constrained_dofs = constrained_dofs(V, self.bcs)
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
-
-        pins, deformable = [*self.bcs, *self._pins], [k.obstacle.deformable for k in self.contacts]
-        self.coupling = Coupling(self.contacts, self.state, pins) if any(deformable) else None
+        deformable = [k.obstacle.deformable for k in self.contacts]
+        self.coupling = (
+            Coupling(self.contacts, self.state, self.bcs) if any(deformable) else None
+        )
+        self.scales = ForceScales(
+            self.unknowns,
+            self.contacts,
+            self.bcs,
+            stiffness,
+            force_units(blocks[1:], self.u, stiffness, self._entity_maps),
+            self.coupling,
+            _weakly(self),
+        )
 
         def substep(name: str, rows: Callable[[Contact], Expr]) -> Substep:
             """Make the substep whose contact rows are ``rows(contact)``."""
@@ -114,19 +152,43 @@ class FrictionalContactProblem:
                 name,
                 [self._momentum, *blocks[1:], *equations],
                 self.state,
-                pins,
-                petsc_options_prefix,
-                petsc_options,
+                self.bcs,
+                prefix,
+                options,
                 self._entity_maps,
+                self.scales,
                 self.coupling,
                 rows,
             )
 
-        sign = float(self.settings.ramp_sign)
-        eps, xi = self._eps, self._xi  # not self: no reference cycle, see Substep.problem
+        eps, xi, sign = self._eps, self._xi, self._ramp_sign  # not self: no reference cycle
         self.stick = substep("stick", lambda k: k.stick_rows(eps))
         self.slip = substep("slip", lambda k: k.slip_rows(eps, xi, sign))
         self.projection = substep("projection", lambda k: k.projection_rows(eps, xi))
+
+    @property
+    def settings(self) -> StepSettings:
+        """How a step is solved; may be replaced between steps, but for ``normal``."""
+        return self._settings
+
+    @settings.setter
+    def settings(self, settings: StepSettings) -> None:
+        if settings.normal != self._settings.normal:
+            raise ContactInputError(
+                f"settings.normal = {settings.normal!r}: the rows were made with "
+                f"{self._settings.normal!r}; make another problem."
+            )
+        self._settings = settings
+
+    @property
+    def accepted(self) -> list[NodalState]:
+        """Nodal values of each contact (this rank's nodes) in the last accepted step, if any."""
+        return [k.accepted for k in self.contacts if k.accepted is not None]
+
+    @accepted.setter
+    def accepted(self, states: Sequence[NodalState]) -> None:
+        for k, nodal in zip_longest(self.contacts, states):
+            k.accepted = nodal
 
     def solve(self) -> StepReport:
         """Solve one increment to the current loads, certify it and commit it.
@@ -153,13 +215,18 @@ class FrictionalContactProblem:
         target: PETSc.Vec | None = None,
     ) -> SubstepReport:
         """Run one substep at ``xi`` and ``eps`` (Pa) and tell the monitor."""
-        self._xi.value, self._eps.value = np.asarray(xi), np.asarray(eps)
+        self.set_smoothing(xi=xi, eps=eps)
         report = substep.solve(
             tolerance, xi=xi, eps=eps, line_search=line_search, max_it=max_it, target=target
         )
-        if self.monitor is not None:
-            self.monitor(report)
+        if (monitor := self.monitor) is not None:
+            on_all_ranks(self.comm, lambda: monitor(report))
         return report
+
+    def set_smoothing(self, *, xi: float, eps: float) -> None:
+        """Set ``xi`` and ``eps`` (Pa) of the rows."""
+        self._xi.value, self._eps.value = np.asarray(xi), np.asarray(eps)
+        self._ramp_sign.value = np.asarray(float(self.settings.ramp_sign))
 
     def assemble_momentum(self) -> np.ndarray:
         """Return the unbalanced nodal forces (N), reactions at prescribed dofs; owned dofs."""
@@ -172,36 +239,25 @@ class FrictionalContactProblem:
         """Return the nodal forces (N) without those of contact; owned dofs."""
         return assemble_owned(self._bulk_form)
 
-    def stiffness_force(self) -> float:
-        """Return the largest stiffness times displacement (N) of the contact nodes."""
-        local = [np.max(k.stiffness_force(), initial=0.0) for k in self.contacts]
-        return float(self.comm.allreduce(max(local), MPI.MAX))
-
     def nodal_states(self) -> list[NodalState]:
         """Return the nodal values of each contact on this rank."""
-        return [k.nodal() for k in self.contacts]
+        return [k.present() for k in self.contacts]
 
-    def certify(self, step_force: float = 0.0) -> Certificate:
-        """Certify the current values of the unknowns as a solution of the increment.
-
-        Args:
-            step_force: Force of the start of the step (N): the largest unbalanced one, which
-                sets the scale of a step that releases all contact.
-        """
+    def certify(self) -> Certificate:
+        """Certify the current values of the unknowns as a solution of the increment."""
         states = self.nodal_states()
-        force = abs(self.assemble_momentum())
-        free = np.setdiff1d(np.arange(len(force)), self.constrained_dofs)
-        largest = max(
-            [np.max(force, initial=0.0), step_force]
-            + [np.max(s.area * np.linalg.norm(s.c, axis=1), initial=0.0) for s in states]
-        )
+        others = [assemble_owned(form) for form in self._other_forms]
+        found = self.scales.residuals(self.assemble_momentum(), *others)
+        equations = np.r_[0 : self.scales.number, len(found) - len(others) : len(found)]
+        pushed = max(k.pushed(s) for k, s in zip(self.contacts, states, strict=True))
         return certify(
             self.comm,
             states,
-            equilibrium=self.comm.allreduce(np.max(force[free], initial=0.0), MPI.MAX),
-            force_scale=self.comm.allreduce(largest, MPI.MAX),
-            rounding=float(np.finfo(float).eps) * self.stiffness_force(),
+            surfaces=self.scales.surfaces,
+            scales=self.scales.scales(),
+            unbalanced=found[equations],
             boundary=self._missed_boundary_values(),
+            pushed=self.comm.allreduce(pushed, MPI.MAX),
             tolerance=self.settings.tolerance,
         )
 
@@ -241,7 +297,6 @@ class FrictionalContactProblem:
 
     def commit(self) -> None:
         """Make the current values the history of the next step."""
-        self.accepted = self.nodal_states()
         for k in self.contacts:
             k.commit()
         for motion in {id(k.obstacle.motion): k.obstacle.motion for k in self.contacts}.values():
@@ -252,27 +307,33 @@ class FrictionalContactProblem:
 
     # -- set-up ------------------------------------------------------------------------------
 
-    def _set_up_contacts(self, bulk: ufl.Form) -> None:
-        """Derive kinematics, scales and prescribed directions of the contacts."""
+    def _set_up_contacts(self, bulk: ufl.Form) -> npt.NDArray[np.floating]:
+        """Derive kinematics, scales and prescribed directions of the contacts.
+
+        Returns:
+            The diagonal of the bulk stiffness (N/m) at the owned dofs.
+        """
         V = self.u.function_space
         tangent = fem.form(ufl.derivative(bulk, self.u), entity_maps=self._entity_maps)
         matrix = assemble_matrix(tangent)
         matrix.assemble()
-        diagonal = fem.Function(V)
-        diagonal.x.array[: matrix.getLocalSize()[0]] = matrix.getDiagonal().array
+        diagonal, owned = fem.Function(V), matrix.getLocalSize()[0]
+        diagonal.x.array[:owned] = matrix.getDiagonal().array
         diagonal.x.scatter_forward()
         matrix.destroy()
-        self._pins: list[fem.DirichletBC] = []
+        held = constrained(V, self.bcs)
         for k in self.contacts:
             k.bind(self.u, self.u_old, self.dt, self.settings.normal)
             k.set_scale(diagonal)
-            self._pins += k.pin_prescribed(V, self.bcs)
-        lowest = min(np.min(k.r.x.array, initial=np.inf) for k in self.contacts)
+        lowest = min(np.min(k.scale.x.array, initial=np.inf) for k in self.contacts)
         if not self.comm.allreduce(lowest, MPI.MIN) > 0.0:
             raise ContactInputError(
                 "The bulk residual has no positive stiffness at some contact node; check F, its "
-                "sign (internal minus external forces) and the initial u, or give Contact(r_p=...)."
+                "sign (internal minus external forces) and the initial u."
             )
+        for k in self.contacts:
+            k.hold(held)
+        return diagonal.x.array[:owned].copy()
 
 
 def _moment(x: np.ndarray, forces: np.ndarray) -> np.ndarray:
@@ -280,6 +341,12 @@ def _moment(x: np.ndarray, forces: np.ndarray) -> np.ndarray:
     if x.shape[1] == 2:
         return np.array([np.sum(x[:, 0] * forces[:, 1] - x[:, 1] * forces[:, 0])])
     return np.cross(x, forces).sum(axis=0)
+
+
+def _weakly(problem: FrictionalContactProblem) -> Callable[[], np.ndarray]:
+    """Return what assembles the momentum balance, without a reference cycle, see ``Callbacks``."""
+    there = weakref.ref(problem)
+    return lambda: there().assemble_momentum()  # type: ignore[union-attr]
 
 
 def assemble_owned(form: fem.Form) -> np.ndarray:

@@ -25,9 +25,11 @@ MARGIN = 0.5
 @contextmanager
 def kept(problem: FrictionalContactProblem) -> Iterator[None]:
     """Put everything back that a check changes."""
-    frozen = [f for k in problem.contacts for f in (k.c_stick, k.slipping, k.slip_scale)]
+    frozen = [f for k in problem.contacts for f in (k.c_stick, k.slipping, k.slip_scale, k.scale)]
     functions = [*problem.state, *frozen]
     snapshot = state.save(functions)
+    for k in problem.contacts:  # the kinks are where the rows have them
+        k.scale.x.array[:] = k.r.x.array
     xi, eps = problem._xi.value.copy(), problem._eps.value.copy()
     try:
         yield
@@ -38,8 +40,8 @@ def kept(problem: FrictionalContactProblem) -> Iterator[None]:
 
 def free_masks(problem: FrictionalContactProblem) -> list[npt.NDArray[np.bool_]]:
     """Tell which (local) dofs of each unknown no condition holds."""
-    bcs = (*problem.bcs, *problem._pins)
-    return [constrained(f.function_space, bcs).x.array == 0.0 for f in problem.state]
+    unknowns = [constrained(f.function_space, problem.bcs) for f in problem.unknowns]
+    return [f.x.array == 0.0 for f in unknowns] + [k.free.x.array > 0.5 for k in problem.contacts]
 
 
 def freeze(
@@ -99,12 +101,12 @@ def _choose_multipliers(
     n, d = k.surface.num_owned, k.surface.mesh.geometry.dim
     c, mask = k.c.x.array[: n * d].reshape(n, d), free[: n * d].reshape(n, d)
     kind = rng.permutation(np.arange(n) % 3)
-    kinematic = k.nodal()
+    kinematic = k.present()
     traction = k.r.x.array[:n] * amplitude
     pressure = np.where(kind == OPEN, -1.0, 1.0) * traction * rng.uniform(MARGIN, 2.0, n)
     c[:, 0] = kinematic.r * kinematic.gap + pressure
     k.c.x.scatter_forward()
-    limit = k.nodal().limit
+    limit = k.present().limit
     # The trial traction c_t - r s: of half or twice the limit, in the disk variables of the law.
     trial = rng.normal(size=(n, d - 1))
     trial /= np.linalg.norm(trial, axis=1)[:, None]
@@ -122,6 +124,6 @@ def _from_disk(k: Contact) -> Array:
     kept, columns = k.c.x.array.copy(), []
     for axis in range(1, d):
         k.c.x.array.reshape(-1, d)[:, 1:] = np.eye(d - 1)[axis - 1]
-        columns.append(k.nodal().c[:, 1:])
+        columns.append(k.present().c[:, 1:])
     k.c.x.array[:] = kept
     return np.linalg.inv(np.stack(columns, axis=2)) if n else np.empty((0, d - 1, d - 1))

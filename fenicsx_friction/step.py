@@ -12,7 +12,7 @@ from mpi4py import MPI
 import numpy as np
 
 from . import state
-from .correctors import FALLBACKS, NEWTON_TOLERANCE, Attempt, correct, polish
+from .correctors import FALLBACKS, Attempt, correct, newton_tolerance, polish
 from .diagnosis import explain
 from .errors import ContactInputError, StepFailed
 from .report import StepReport
@@ -21,29 +21,39 @@ from .substep import SubstepReport
 if TYPE_CHECKING:
     from .problem import FrictionalContactProblem
 
-#: Forces below this fraction of stiffness times displacement at the start of a step count as
-#: nothing: 1e-9 of them are what rounding leaves.
-RESOLUTION = 1e-4
 #: Searches for the faces that nodes meet, each but the last followed by a solve.
 MAX_SEARCHES = 6
 
 
 def advance(problem: FrictionalContactProblem) -> StepReport:
     """Solve, certify and commit one increment; see ``FrictionalContactProblem.solve``."""
+    last = state.ProblemSnapshot(problem)
+    try:
+        report = _advance(problem)
+    except BaseException:
+        last.restore()
+        raise
+    if not report.certificate.solved:
+        last.restore()
+    return report
+
+
+def _advance(problem: FrictionalContactProblem) -> StepReport:
+    """Try the ways to solve an increment, commit the first certified solution."""
     for k in problem.contacts:
         k.obstacle.anchor()
-        k.refresh_frames()
-    start = state.save(problem.state)
-    unbalanced, largest = problem.projection.residual_norms()
+        k.choose_frames()
+    changed = [*problem.state, *(f for k in problem.contacts for f in (k.hint, k.free))]
+    start = state.save(changed)
+    problem.set_smoothing(xi=0.0, eps=0.0)
+    unbalanced = problem.projection.unbalanced()
     _check(problem, unbalanced)
+    problem.scales.begin()
     forces = max(unbalanced, _contact_forces(problem))
-    # Of the start: what the displacement of a body that nothing holds grows to is no scale.
-    largest = max(largest, RESOLUTION * problem.stiffness_force())
-    forces = max(forces, largest)
     substeps: list[SubstepReport] = []
     fallbacks = FALLBACKS[: problem.settings.fallbacks]
     for attempt in (None, Attempt(problem.settings.corrector), *fallbacks):
-        state.restore(problem.state, start)
+        state.restore(changed, start)
         if attempt is not None:
             for k in problem.contacts:
                 if substeps:  # an attempt before has changed the pairs
@@ -52,10 +62,10 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
             with _scaled(problem, attempt.r_factor):
                 substeps += correct(problem, attempt, forces)
                 if substeps[-1].converged:
-                    substeps += _settle(problem, attempt, forces)
-        elif unbalanced > NEWTON_TOLERANCE * forces:
+                    substeps += _settle(problem, attempt)
+        elif not problem.projection.is_solved(newton_tolerance(problem)):
             continue  # else the loads did not change and the state is its own solution
-        certificate = problem.certify(largest)
+        certificate = problem.certify()
         report = StepReport(
             problem.num_steps + 1,
             problem.settings.corrector,
@@ -66,10 +76,8 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
         if certificate.solved:
             problem.commit()
             return report
-    message = explain(problem, report)
-    state.restore(problem.state, start)
     if problem.settings.raise_on_uncertified:
-        raise StepFailed(message, report)
+        raise StepFailed(explain(problem, report), report)
     return report
 
 
@@ -84,9 +92,7 @@ def _check(problem: FrictionalContactProblem, unbalanced: float) -> None:
         )
 
 
-def _settle(
-    problem: FrictionalContactProblem, attempt: Attempt, forces: float
-) -> list[SubstepReport]:
+def _settle(problem: FrictionalContactProblem, attempt: Attempt) -> list[SubstepReport]:
     """Search again for what the nodes meet, and solve again, until nothing changes.
 
     The certificate sees what the last search found.
@@ -96,7 +102,9 @@ def _settle(
         changed = [k.obstacle.search() for k in problem.contacts]
         if not any(changed) or searched == MAX_SEARCHES - 1:
             break
-        reports.append(polish(problem, attempt, forces))
+        for k in problem.contacts:
+            k.choose_frames()
+        reports.append(polish(problem, attempt))
         if not reports[-1].converged:
             break
     return reports
@@ -110,7 +118,7 @@ def _contact_forces(problem: FrictionalContactProblem) -> float:
 
 @contextmanager
 def _scaled(problem: FrictionalContactProblem, factor: float) -> Iterator[None]:
-    """Solve with ``r_p`` multiplied by ``factor``; the certificate always uses the plain one."""
+    """Solve with ``r_p`` multiplied by ``factor``."""
     kept = [k.r.x.array.copy() for k in problem.contacts]
     for k in problem.contacts:
         k.scale_r(factor)

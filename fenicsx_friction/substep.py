@@ -17,8 +17,10 @@ from dolfinx.fem.petsc import NonlinearProblem, assign
 from ufl.core.expr import Expr
 
 from .compat import jacobian_blocks
-from .coupled_solver import CoupledSolver
+from .callbacks import Callbacks
+from .coupled_solver import CoupledCallbacks
 from .coupling import Coupling
+from .forces import ForceScales
 
 if TYPE_CHECKING:
     from .contact import Contact
@@ -32,9 +34,7 @@ DEFAULT_OPTIONS: dict[str, object] = {
     "pc_factor_mat_solver_type": "mumps",
 }
 
-#: PETSc's code of an exception in a Python callback.
-PYTHON_ERROR = 101
-#: Reductions of the residual below which stagnation is taken for rounding.
+#: A residual that no step makes smaller, but below this, relative, is taken for rounding.
 ROUNDING = 1e-8
 #: A residual that returns to this relative accuracy within 15 iterations is a cycle.
 CYCLE = 1e-6
@@ -80,6 +80,7 @@ class Substep:
         prefix: Prefix of the PETSc options; the substep's is ``{prefix}{name}_``.
         options: PETSc options over :data:`DEFAULT_OPTIONS`.
         entity_maps: Entity maps of all meshes in the forms.
+        scales: Measures residuals.
         coupling: The pairs of contacts with deformable obstacles, if any.
         rows: Returns the contact rows, to be differentiated by the pairs' kinematics.
     """
@@ -93,6 +94,7 @@ class Substep:
         prefix: str,
         options: Mapping[str, object] | None,
         entity_maps: Sequence[mesh.EntityMap],
+        scales: ForceScales,
         coupling: Coupling | None,
         rows: Callable[[Contact], Expr],
     ) -> None:
@@ -100,11 +102,11 @@ class Substep:
         self._bcs, self._entity_maps = bcs, entity_maps
         self._prefix = f"{prefix}{name}_"
         self._options = {**DEFAULT_OPTIONS, **(options or {})}
-        self._coupling, self._rows = coupling, rows
+        self._scales, self._coupling, self._rows = scales, coupling, rows
         self._problem: NonlinearProblem | None = None
-        self._coupled: CoupledSolver | None = None
+        self._callbacks: Callbacks | None = None
         self._history: list[float] = []
-        self._cycled = False
+        self._cycled, self._tolerance = False, 0.0
 
     @property
     def problem(self) -> NonlinearProblem:
@@ -120,37 +122,60 @@ class Substep:
                 entity_maps=list(self._entity_maps),
                 kind="mpi",
             )
+            snes, factors = self._problem.solver, self._scales.row_factors
             # Weakly: in a cycle through PETSc, each rank's garbage collector would choose when to
             # destroy the collective objects.
             test = weakref.WeakMethod(self._test)
-            self._problem.solver.setConvergenceTest(lambda *arguments: test()(*arguments))  # type: ignore[misc]
-            if self._coupling is not None:
+            snes.setConvergenceTest(lambda *arguments: test()(*arguments))  # type: ignore[misc]
+            if self._coupling is None:
+                self._callbacks = Callbacks(snes, factors)
+            else:
                 laws = self._coupling.law_derivatives(self._rows)
-                snes = self._problem.solver
-                self._coupled = CoupledSolver(snes, self._unknowns, self._coupling, laws)
+                self._callbacks = CoupledCallbacks(
+                    snes, factors, self._unknowns, self._coupling, laws
+                )
         return self._problem
-
-    def residual(self) -> PETSc.Vec:
-        """Return a copy of the residual at the current unknowns."""
-        self.residual_norms()
-        return self.problem.b.copy()
 
     def jacobian(self) -> PETSc.Mat:
         """Assemble the matrix of Newton's method at the current unknowns; the SNES owns it."""
-        problem = self.problem
-        assign(problem.u, problem.x)
-        if self._coupled is not None:
-            self._coupled.prepare(problem.solver, problem.x)
+        problem = self._prepared()
         matrix = problem.solver.getJacobian()[0]
         problem.solver.computeJacobian(problem.x, matrix)
         return matrix
 
-    def residual_norms(self) -> tuple[float, float]:
-        """Return 2-norm and largest entry of the residual (N) at the current unknowns."""
+    def residual(self) -> PETSc.Vec:
+        """Return a copy of the residual at the current unknowns."""
         problem = self.problem
         assign(problem.u, problem.x)
         problem.solver.computeFunction(problem.x, problem.b)
-        return float(problem.b.norm()), float(problem.b.norm(PETSc.NormType.INFINITY))
+        return problem.b.copy()
+
+    def unbalanced(self) -> float:
+        """Return the 2-norm (N) of the residual at the current unknowns, without held rows."""
+        residual = self.residual()
+        residual.array[self._scales.held_rows] = 0.0
+        norm = float(residual.norm())
+        residual.destroy()
+        return norm
+
+    def is_solved(self, tolerance: float) -> bool:
+        """Tell whether the current unknowns solve the substep to a relative tolerance."""
+        residual = self.residual()
+        solved = self._scales.excess(residual.array_r, tolerance) <= 1.0
+        residual.destroy()
+        return solved
+
+    def _prepared(self) -> NonlinearProblem:
+        """Return the problem with the current unknowns in its vector, ready for a solve."""
+        problem = self.problem
+        assign(problem.u, problem.x)
+        assert self._callbacks is not None
+        self._callbacks.prepare(problem.solver, problem.x)
+        return problem
+
+    def discard(self) -> None:
+        """Forget solver and matrices, which an error may have left half done."""
+        self._problem = self._callbacks = None
 
     def solve(
         self,
@@ -165,7 +190,8 @@ class Substep:
         """Solve from the current values of the unknowns; they hold the last iterate after.
 
         Args:
-            tolerance: Residual 2-norm (N) at which Newton stops.
+            tolerance: Newton stops when all residuals are this small, relative to the forces of
+                their body and contact.
             xi: For the report.
             eps: For the report.
             line_search: PETSc line search in place of the options' one.
@@ -179,8 +205,8 @@ class Substep:
         snes = problem.solver
         chosen, limit = self._options["snes_linesearch_type"], self._options["snes_max_it"]
         snes.getLineSearch().setType(str(line_search or chosen))
-        snes.setTolerances(atol=tolerance, max_it=int(str(max_it or limit)))
-        self._history, self._cycled = [], False
+        snes.setTolerances(max_it=int(str(max_it or limit)))
+        self._history, self._cycled, self._tolerance = [], False, tolerance
         converged, reason = self._run(problem, target)
         return SubstepReport(
             name=self.name,
@@ -194,18 +220,21 @@ class Substep:
 
     def _run(self, problem: NonlinearProblem, target: PETSc.Vec | None) -> tuple[bool, str]:
         """Solve as ``NonlinearProblem.solve``, which knows no right-hand side."""
-        assign(problem.u, problem.x)
-        if self._coupled is not None:
-            self._coupled.prepare(problem.solver, problem.x)
+        self._prepared()
+        callbacks = self._callbacks
+        assert callbacks is not None
         try:
             problem.solver.solve(target, problem.x)
         except PETSc.Error as error:
-            if error.ierr == PYTHON_ERROR:
-                raise
-            # MUMPS gives up on a structurally singular matrix with an error, not a reason, and its
-            # factors cannot be used again.
-            self._problem = self._coupled = None
+            # The factors cannot be used again, and a matrix may be half assembled.
+            self.discard()
+            if callbacks.error is not None:
+                raise callbacks.error from None
+            # MUMPS gives up on a structurally singular matrix with an error, not a reason.
             return False, f"LINEAR_SOLVER_ERROR_{error.ierr}"
+        except BaseException:
+            self.discard()
+            raise
         problem.x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
         assign(problem.x, problem.u)
         reason = problem.solver.getConvergedReason()
@@ -214,15 +243,22 @@ class Substep:
     def _test(
         self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]
     ) -> PETSc.SNES.ConvergedReason:
+        """Keep what the test raises, see ``Callbacks``."""
+        assert self._callbacks is not None
+        with self._callbacks.keeping_errors():
+            return self._judge(snes, it, norms[-1])
+
+    def _judge(self, snes: PETSc.SNES, it: int, norm: float) -> PETSc.SNES.ConvergedReason:
         """Stop at the tolerance, at rounding, at NaN, at the last iteration and in a cycle."""
-        reason, norm = PETSc.SNES.ConvergedReason, norms[-1]
-        _, atol, _, max_it = snes.getTolerances()
+        reason, max_it = PETSc.SNES.ConvergedReason, snes.getTolerances()[3]
         self._history.append(norm)
         if not np.isfinite(norm):
             return reason.DIVERGED_FNORM_NAN
-        if norm <= atol:
+        rows = snes.getFunction()[0].array_r
+        if self._scales.excess(rows, self._tolerance) <= 1.0:
             return reason.CONVERGED_FNORM_ABS
-        if it > 0 and norm <= ROUNDING / 1e-11 * atol and norm >= 0.5 * self._history[-2]:
+        stagnates = it > 0 and norm >= 0.5 * self._history[-2]
+        if stagnates and self._scales.excess(rows, max(ROUNDING, self._tolerance)) <= 1.0:
             return reason.CONVERGED_SNORM_RELATIVE
         recent, before = self._history[-STALLED:], self._history[:-STALLED]
         self._cycled = any(abs(norm - old) <= CYCLE * norm for old in self._history[-16:-2])

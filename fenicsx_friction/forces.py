@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: MIT
+"""The forces that meet in each body and in each contact of a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from dolfinx.fem.petsc import assemble_matrix
+
+from .bodies import Array, Groups, Labels, number_bodies
+from .conditions import constrained_dofs, with_conditions
+from .scales import DIGITS, FAINT, Scales
+
+if TYPE_CHECKING:
+    from .contact import Contact
+    from .coupling import Coupling
+
+#: Newton stops where what is left of a residual is this share of what rounding hides.
+SHARE = 0.25
+#: A condition is met at this distance, relative to the largest value.
+MISSED = 1e-12
+
+
+class ForceScales:
+    """Measures the groups of a problem; all methods are collective.
+
+    The groups are the bodies (forces, N), the bodies of each contact (tractions, Pa), and the
+    equations beside the momentum balance (brought to N).
+
+    Args:
+        unknowns: The unknowns of the bulk, displacement first.
+        contacts: The contacts.
+        bcs: Dirichlet conditions.
+        stiffness: Diagonal of the bulk stiffness (N/m) at the owned dofs of the displacement.
+        units: What brings a row of each further equation to the unit of a force.
+        coupling: The pairs of contacts with deformable obstacles, or ``None``.
+        momentum: Returns the unbalanced nodal forces (N) of the owned dofs, reactions included.
+
+    Attributes:
+        number: Number of bodies.
+        surfaces: Groups the owned nodes of each contact, by body.
+        held_rows: The owned rows of the system that are conditions.
+        row_factors: What makes a force of each owned row: a stiffness at the conditions, else one.
+    """
+
+    def __init__(
+        self,
+        unknowns: Sequence[fem.Function],
+        contacts: Sequence[Contact],
+        bcs: Sequence[fem.DirichletBC],
+        stiffness: Array,
+        units: Sequence[float],
+        coupling: Coupling | None,
+        momentum: Callable[[], Array],
+    ) -> None:
+        self._unknowns, self._contacts, self._bcs = list(unknowns), contacts, bcs
+        self._u, self._coupling, self._momentum = unknowns[0], coupling, momentum
+        self._comm, self._others = self._u.function_space.mesh.comm, len(units)
+        self.number, body = number_bodies(self._u.function_space)
+        self._stiffness = abs(stiffness)
+        dofs = np.repeat(body, self._u.function_space.dofmap.index_map_bs)[: len(stiffness)]
+        self._bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]
+        self.surfaces = [Groups(bodies, self.number) for bodies in self._bodies]
+        self._group_rows(dofs, units)
+        self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
+        self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
+        self._steepest = self._by_contact([k.nodal_scale() for k in contacts])
+        self.begin()
+
+    def begin(self) -> None:
+        """Keep the forces at the start of a step, under its new loads, and what is prescribed."""
+        forces = np.maximum(self._all.largest(abs(self._momentum())), self._contact_forces())
+        self._forces = self._over_ranks(forces)
+        self._tractions = self._by_contact(self._traction_lengths())
+        there = [
+            np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs))) for f in self._unknowns
+        ]
+        self._given = self._over_ranks(self._all.largest(there[0][: len(self._stiffness)]))
+        values = np.array([np.max(values, initial=0.0) for values in there])
+        self._values = self._over_ranks(values)
+
+    def residuals(self, *blocks: Array) -> Array:
+        """Return the largest residual of each group, of the owned rows of some first blocks."""
+        rows = np.zeros(len(self._weights))
+        given = np.concatenate(blocks)
+        rows[: len(given)] = abs(given)
+        return self._over_ranks(self._rows.largest(rows * self._weights))
+
+    def excess(self, rows: Array, tolerance: float) -> float:
+        """Return the largest residual in units of what a relative tolerance allows.
+
+        Args:
+            rows: The owned rows of the system, multiplied by the row factors.
+            tolerance: Relative tolerance.
+        """
+        missed = self._conditions.largest(abs(rows) / self.row_factors)
+        if np.any(self._over_ranks(missed) > MISSED * self._values):
+            return np.inf
+        found = self.residuals(rows)
+        contacts = slice(self.number, self.number * (1 + len(self._contacts)))
+        for reactions in (False, True):  # they cost an assembly
+            allowed = self.scales(reactions=reactions).allowed(tolerance, SHARE)
+            ratio = np.where(found > 0.0, np.inf, 0.0)
+            ratio = np.divide(found, allowed, out=ratio, where=allowed > 0.0)
+            if np.max(ratio) <= 1.0 or np.max(ratio[contacts], initial=0.0) > 1.0:
+                break
+        return float(np.max(ratio))
+
+    def scales(self, *, reactions: bool = True) -> Scales:
+        """Measure all groups, with or without the reactions at held dofs."""
+        largest = self._contact_forces()
+        if reactions:
+            largest = np.maximum(largest, self._held.largest(abs(self._momentum())))
+        u = self._u.x.array[: len(self._stiffness)]
+        local = np.stack([largest, DIGITS * self._all.largest(self._stiffness * abs(u))])
+        forces, hidden = self._over_ranks(local)
+        bodies = Scales(forces, self._forces, hidden, DIGITS * self._stiffest * self._given)
+        tractions = self._by_contact(self._traction_lengths())
+        unresolved = DIGITS * self._by_contact([k.stiffness_traction() for k in self._contacts])
+        each = len(self._contacts)
+        faint = FAINT * np.tile(np.maximum(forces, self._forces), each) * self._per_area
+        contacts = Scales(
+            tractions,
+            np.maximum(self._tractions, faint),
+            unresolved,
+            DIGITS * self._steepest * np.tile(self._given, each),
+        )
+        return _joined(bodies, contacts, self._others)
+
+    def _group_rows(self, bodies: Labels, units: Sequence[float]) -> None:
+        """Number the groups of the rows of the system, and bring the rows to their units."""
+        fixed = [_fixed(f, self._bcs) for f in self._unknowns]
+        self._all = Groups(bodies, self.number)
+        self._held = Groups(np.where(fixed[0], bodies, -1), self.number)
+        labels, weights = [np.where(fixed[0], -1, bodies)], [np.ones(len(bodies))]
+        first = self.number * (1 + len(self._contacts))
+        for i, (held, unit) in enumerate(zip(fixed[1:], units, strict=True)):
+            labels.append(np.where(held, -1, first + i))
+            weights.append(np.full(len(held), unit))
+        d = self._u.function_space.mesh.geometry.dim
+        for i, (k, body) in enumerate(zip(self._contacts, self._bodies, strict=True)):
+            labels.append(np.repeat(self.number * (1 + i) + body, d))
+            weights.append(np.repeat(1.0 / k.nodal_area(), d))
+        self._rows = Groups(np.concatenate(labels), first + self._others)
+        self._weights = np.concatenate(weights)
+        conditions = np.full(len(self._weights), -1)
+        unknown = np.repeat(np.arange(len(fixed)), [len(held) for held in fixed])
+        held = np.concatenate(fixed)
+        conditions[: len(held)] = np.where(held, unknown, -1)
+        self._conditions = Groups(conditions, len(fixed))
+        self.held_rows = np.flatnonzero(held)
+        typical = float(self._over_ranks(np.array([np.max(self._stiffness, initial=0.0)]))[0])
+        self.row_factors = np.ones(len(self._weights))
+        stiffness = np.where(self._stiffness > 0.0, self._stiffness, typical)
+        own = self.held_rows[self.held_rows < len(bodies)]
+        self.row_factors[own] = stiffness[own]
+        others = self.held_rows[self.held_rows >= len(bodies)]
+        self.row_factors[others] = self._weights[others]
+
+    def _contact_forces(self) -> Array:
+        """Return the largest contact force on a node of each body (N), of this rank."""
+        largest = np.zeros(self.number)
+        for k, group, lengths in zip(
+            self._contacts, self.surfaces, self._traction_lengths(), strict=True
+        ):
+            largest = np.maximum(largest, group.largest(k.nodal_area() * lengths))
+        if self._coupling is not None:
+            largest = np.maximum(largest, self._all.largest(abs(self._coupling.momentum())))
+        return largest
+
+    def _traction_lengths(self) -> list[Array]:
+        """Return the length of each node's traction (Pa), one array a contact."""
+        return [np.linalg.norm(k.multipliers(), axis=1) for k in self._contacts]
+
+    def _by_contact(self, values: Sequence[Array]) -> Array:
+        """Return the largest values of each contact, body by body, of all ranks."""
+        largest = [g.largest(v) for g, v in zip(self.surfaces, values, strict=True)]
+        return self._over_ranks(np.concatenate(largest))
+
+    def _over_ranks(self, values: Array) -> Array:
+        """Return the largest values of all ranks; what is not a number counts as infinite."""
+        values = np.nan_to_num(values, nan=np.inf, posinf=np.inf)
+        self._comm.Allreduce(MPI.IN_PLACE, values, op=MPI.MAX)
+        return values
+
+
+def _fixed(f: fem.Function, bcs: Sequence[fem.DirichletBC]) -> npt.NDArray[np.bool_]:
+    """Tell which owned dofs of a Function are under a condition."""
+    V = f.function_space
+    fixed = np.zeros(V.dofmap.index_map.size_local * V.dofmap.index_map_bs, dtype=bool)
+    dofs = constrained_dofs(V, bcs)
+    fixed[dofs[dofs < len(fixed)]] = True
+    return fixed
+
+
+def _joined(bodies: Scales, contacts: Scales, others: int) -> Scales:
+    """Put the groups together; further equations are measured by the largest forces of all."""
+
+    def all_of(name: str) -> Array:
+        mine = getattr(bodies, name)
+        return np.concatenate([mine, getattr(contacts, name), np.full(others, np.max(mine))])
+
+    return Scales(*(all_of(f.name) for f in fields(Scales)))
+
+
+def force_units(
+    equations: Sequence[ufl.Form],
+    u: fem.Function,
+    stiffness: Array,
+    entity_maps: Sequence[mesh.EntityMap],
+) -> list[float]:
+    """Return what brings further equations to the unit of a force; collective.
+
+    An equation that depends on the displacement gets rows of the stiffness of the bulk; another one
+    keeps its unit.
+    """
+    comm = u.function_space.mesh.comm
+    stiffest = comm.allreduce(float(np.max(abs(stiffness), initial=0.0)), MPI.MAX)
+    units = []
+    for equation in equations:
+        tangent = ufl.algorithms.expand_derivatives(ufl.derivative(equation, u))
+        units.append(1.0)
+        if not tangent.empty():
+            matrix = assemble_matrix(fem.form(tangent, entity_maps=list(entity_maps)))
+            matrix.assemble()
+            largest = matrix.norm(PETSc.NormType.INFINITY)
+            matrix.destroy()
+            units[-1] = stiffest / largest if largest > 0.0 else 1.0
+    return units
