@@ -91,24 +91,43 @@ class Block:
 
 
 def block(
-    cell, mu, prefix, *, n=(4, 3, 2), energy="small", rotation=None, comm=MPI.COMM_WORLD, **settings
+    cell,
+    mu,
+    prefix,
+    *,
+    n=(4, 3, 2),
+    energy="small",
+    rotation=None,
+    length=1.0,
+    modulus=1000.0,
+    comm=MPI.COMM_WORLD,
+    **settings,
 ) -> Block:
-    """Build the block ``1.2 x 0.9 x 0.5``, ``E = 1000``, ``nu = 0.3``, rotated with its plane."""
+    """Build the block ``1.2 x 0.9 x 0.5``, ``nu = 0.3``, rotated with its plane.
+
+    Args:
+        length: Unit of length (m).
+        modulus: Young's modulus (Pa).
+    """
     size = (1.2, 0.9, 0.5)
     msh = mesh.create_box(comm, [[0.0] * 3, size], n, getattr(mesh.CellType, cell))
     tags = tagged_facets(msh, lambda x: np.isclose(x[2], 0.0), lambda x: np.isclose(x[2], size[2]))
     frame = np.eye(3) if rotation is None else np.asarray(rotation)
     offset = np.zeros(3) if rotation is None else np.array([0.3, -2.0, 5.0])
-    msh.geometry.x[:] = msh.geometry.x @ frame + offset
+    msh.geometry.x[:] = length * (msh.geometry.x @ frame + offset)
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, v = fem.Function(V, name="u"), ufl.TestFunction(V)
-    rubber = ff.bulk.Elastic(E=1000.0, nu=0.3)
+    young = fem.Function(fem.functionspace(msh, ("DG", 0)))
+    young.x.array[:] = modulus
+    rubber = ff.bulk.Elastic(E=young, nu=0.3)
     density = {"small": ff.bulk.small_strain_energy, "finite": ff.bulk.neo_hooke_energy}[energy]
     stored = ff.bulk.stored_energy(density(u, rubber), ufl.dx)
     top = fem.Function(V, name="top")
     held = fem.locate_dofs_topological(V, 2, tags.find(2))
     contact = ff.Contact(
-        ff.ContactSurface(msh, tags, 1), ff.RigidPlane(offset, frame[2]), ff.Coulomb(mu)
+        ff.ContactSurface(msh, tags, 1),
+        ff.RigidPlane(length * offset, frame[2]),
+        ff.Coulomb(mu),
     )
     problem = ff.FrictionalContactProblem(
         ufl.derivative(stored, u, v),

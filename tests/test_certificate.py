@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fenicsx_friction.bodies import Groups
 from fenicsx_friction.certificate import OPEN, SLIP, STICK, NodalState, certify
+from fenicsx_friction.scales import Scales
 
 MU, R = 0.5, 100.0
 REAL = st.floats(-3.0, 3.0)
@@ -31,22 +33,29 @@ def at_pressure(state: NodalState) -> NodalState:
     return replace(state, limit=MU * np.maximum(state.c[:, 0] - state.r * state.gap, 0.0))
 
 
-def certificate(state: NodalState, **options):
-    options = {
-        "equilibrium": 0.0,
-        "force_scale": 1.0,
-        "rounding": 0.0,
-        "boundary": 0.0,
-        "tolerance": 1e-9,
-    } | options
-    return certify(MPI.COMM_SELF, [state], **options)
+def scales(**options) -> Scales:
+    """One body under a force of 1 N and its contact, whose largest traction is that of solved()."""
+    sizes = {"largest": [1.0, np.hypot(4.0, 2.0)], "before": [0.0] * 2, "hidden": [0.0] * 2}
+    sizes |= {"given": [0.0] * 2} | options
+    return Scales(**{name: np.array(values) for name, values in sizes.items()})
+
+
+def certificate(state: NodalState, *, equilibrium=0.0, sizes=None, **options):
+    options = {"boundary": 0.0, "pushed": 0.0, "tolerance": 1e-9} | options
+    return certify(
+        MPI.COMM_SELF,
+        [state],
+        surfaces=[Groups(np.zeros(len(state.gap), dtype=int), 1)],
+        scales=sizes or scales(),
+        unbalanced=np.array([equilibrium]),
+        **options,
+    )
 
 
 def test_solution_is_certified_and_its_states_are_told():
     result = certificate(solved())
     assert result.certified
     assert result.relative < 1e-15
-    assert result.traction_scale == pytest.approx(np.hypot(4.0, 2.0))
     assert solved().states().tolist() == [OPEN, STICK, SLIP]
 
 
@@ -91,8 +100,8 @@ def test_nan_is_never_certified(field):
 
 
 def test_equilibrium_is_part_of_the_certificate():
-    assert certificate(solved(), equilibrium=1e-10, force_scale=1.0).certified
-    assert not certificate(solved(), equilibrium=1e-8, force_scale=1.0).certified
+    assert certificate(solved(), equilibrium=1e-10).certified
+    assert not certificate(solved(), equilibrium=1e-8).certified
 
 
 def test_missed_boundary_values_are_not_certified():
@@ -100,9 +109,59 @@ def test_missed_boundary_values_are_not_certified():
     assert not certificate(solved(), boundary=float("inf")).certified
 
 
-def test_displacements_out_of_bounds_are_not_certified():
-    assert not certificate(solved(), rounding=1e-8).certified
-    assert certificate(solved(), rounding=1e-10).certified
+def test_nodes_pushed_in_by_conditions_are_not_certified():
+    assert not certificate(solved(), pushed=1e-12).certified
+
+
+def test_each_body_is_measured_by_its_own_forces():
+    """A residual that is nothing beside the forces of a stiff body is an error of a soft one."""
+    state, group = solved(), [Groups(np.array([0, 0, 1]), 2)]
+    options = {"surfaces": group, "boundary": 0.0, "pushed": 0.0, "tolerance": 1e-9}
+    largest = np.array([1e12, 1.0, 1e12, 4.5])
+    sizes = Scales(largest, *(np.zeros(4) for _ in range(3)))
+    for unbalanced, good in (([1e2, 1e-10], True), ([1e2, 1e-8], False), ([1e4, 0.0], False)):
+        result = certify(
+            MPI.COMM_SELF, [state], scales=sizes, unbalanced=np.array(unbalanced), **options
+        )
+        assert result.certified == good
+    c = state.c.copy()
+    c[2, 1] += 1e-6
+    wrong = certify(
+        MPI.COMM_SELF, [replace(state, c=c)], scales=sizes, unbalanced=np.zeros(2), **options
+    )
+    assert not wrong.certified
+
+
+def test_forces_that_rounding_hides_are_not_certified():
+    """Beside large displacements rounding takes the place of the tolerance, up to a point."""
+    rounding = [1e-7, 0.0]
+    assert certificate(solved(), equilibrium=5e-8, sizes=scales(hidden=rounding)).certified
+    assert not certificate(solved(), equilibrium=2e-7, sizes=scales(hidden=rounding)).certified
+    faint = certificate(solved(), sizes=scales(hidden=[1e-5, 0.0]))
+    assert not faint.resolved
+    assert not faint.certified
+
+
+def test_nothing_but_rounding_is_no_contact():
+    """Tractions below what rounding leaves of given displacements are none."""
+    state = solved()
+    noise = replace(state, c=1e-17 * state.c, slip=0.0 * state.slip, gap=0.0 * state.gap)
+    sizes = scales(largest=[1.0, 5e-17], hidden=[0.0, 1e-15], given=[0.0, 1e-15])
+    assert certificate(noise, sizes=sizes).certified
+    assert not certificate(noise, sizes=scales(largest=[1.0, 5e-17], hidden=[0, 1e-15])).certified
+
+
+def test_negative_limits_and_dissipation_are_not_certified():
+    """On a disk of negative radius the natural map vanishes for friction along the slip."""
+    one = [np.array(a) for a in ([0.0], [[-1.0, 0.0]], [-0.5], [[1.0, 0.5, 0.0]], [1.0], [1.0])]
+    driven = NodalState(*one, np.ones((1, 3), dtype=bool))
+    driven = replace(driven, slip=np.array([[1.0, 0.0]]))
+    assert not certificate(driven).certified
+    result = certificate(replace(driven, own_map=np.zeros(1)))
+    assert result.natural_map < 1e-12  # the residual of a law of its own
+    assert result.negative_limit == 0.5
+    assert result.negative_dissipation == 0.5
+    assert not result.solved
 
 
 def test_a_held_node_takes_no_part():
@@ -113,7 +172,9 @@ def test_a_held_node_takes_no_part():
     free[0] = False
     broken = at_pressure(replace(state, gap=gap))
     assert not certificate(broken).certified
-    assert certificate(replace(broken, free=free)).certified
+    held = certificate(replace(broken, free=free))
+    assert held.certified
+    assert held.penetration == 1.0  # that of all nodes is told
 
 
 @given(c_n=REAL, c_t=st.tuples(REAL, REAL), gap=REAL, slip=st.tuples(REAL, REAL))
