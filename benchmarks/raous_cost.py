@@ -54,7 +54,7 @@ def time_contact(options: Options, settings: StepSettings, repeat: int) -> tuple
         block = create_problem(MPI.COMM_WORLD, options, f"contact_{options.nx}_{i}_", settings)
         block.load(options, (1.0, 1.0))
         for substep in (block.problem.stick, block.problem.projection):
-            substep.residual_norms()
+            substep.residual().destroy()
         start = time.perf_counter()
         report = block.problem.solve()
         times.append(time.perf_counter() - start)

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ from .compat import jacobian_blocks
 from .callbacks import Callbacks
 from .coupled_solver import CoupledCallbacks
 from .coupling import Coupling
+from .errors import ContactInputError
 from .forces import ForceScales
 
 if TYPE_CHECKING:
@@ -118,10 +120,10 @@ class Substep:
                 J=jacobian_blocks(self._forms, self._unknowns),
                 bcs=list(self._bcs),
                 petsc_options_prefix=self._prefix,
-                petsc_options=self._options,
                 entity_maps=list(self._entity_maps),
                 kind="mpi",
             )
+            _set_up(self._problem.solver, self._options)
             snes, factors = self._problem.solver, self._scales.row_factors
             # Weakly: in a cycle through PETSc, each rank's garbage collector would choose when to
             # destroy the collective objects.
@@ -224,7 +226,8 @@ class Substep:
         callbacks = self._callbacks
         assert callbacks is not None
         try:
-            problem.solver.solve(target, problem.x)
+            with _options(problem.solver, self._options):
+                problem.solver.solve(target, problem.x)
         except PETSc.Error as error:
             # The factors cannot be used again, and a matrix may be half assembled.
             self.discard()
@@ -268,6 +271,37 @@ class Substep:
         if self._cycled or it >= max_it:
             return reason.DIVERGED_MAX_IT
         return reason.ITERATING
+
+
+@contextmanager
+def _options(snes: PETSc.SNES, options: Mapping[str, object]) -> Iterator[None]:
+    """Put options into PETSc's database inside the context only.
+
+    A later solver of the same prefix must not find them; MUMPS reads its own as late as in the
+    first factorisation.
+    """
+    database = PETSc.Options(snes.getOptionsPrefix())
+    before = {k: database.getString(k) for k in options if database.hasName(k)}
+    try:
+        for name, value in options.items():
+            database.setValue(name, value)
+        yield
+    finally:
+        for name in options:
+            database.delValue(name)
+        for name, text in before.items():
+            database.setValue(name, text)
+
+
+def _set_up(snes: PETSc.SNES, options: Mapping[str, object]) -> None:
+    """Set up a solver, or say which options PETSc refuses."""
+    try:
+        with _options(snes, options):
+            snes.setFromOptions()
+    except PETSc.Error as error:
+        raise ContactInputError(
+            f"PETSc refuses the petsc_options {dict(options)}: {str(error).splitlines()[-1]}"
+        ) from error
 
 
 def _reason_name(value: int) -> str:

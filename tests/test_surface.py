@@ -63,7 +63,7 @@ def test_contact_rows_are_node_local():
     """The block dR/dc of contact couples the components of one node, and no two nodes."""
     model = raous(6, 4, 0.5, "local_")
     model.problem.solve()
-    model.problem.projection.residual_norms()
+    model.problem.projection.residual().destroy()
     system = model.problem.projection.problem
     system.solver.computeJacobian(system.x, system.A)
     first = model.problem.u.function_space.dofmap.index_map.size_local * 2

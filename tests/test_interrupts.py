@@ -1,0 +1,150 @@
+"""A solve that is left by an interrupt or any exception is back at the last accepted state."""
+
+import hashlib
+import signal
+import time
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import fenicsx_friction as ff
+from bodies import stack
+from models import block
+from fenicsx_friction import correctors
+
+#: Interrupts at random times of one run of the test.
+INTERRUPTS = 12
+
+
+def fingerprint(problem) -> str:
+    """Hash all that a step changes."""
+    digest = hashlib.sha256()
+    functions = [*problem.state, problem.u_old]
+    for k in problem.contacts:
+        functions += [f for f in vars(k).values() if isinstance(f, fem.Function)]
+        digest.update(k.slip_increment.tobytes())
+        if k.obstacle.deformable:
+            pairs = k.obstacle.pairs
+            digest.update(pairs.face.tobytes())
+    for f in functions:
+        if f.name not in FROZEN:
+            digest.update(f.x.array.tobytes())
+    digest.update(repr((problem.num_steps, len(problem.accepted))).encode())
+    return digest.hexdigest()
+
+
+#: Functions that hold nothing between the substeps of one step.
+FROZEN = ("stick_traction", "slipping", "slip_scale", "pairs")
+
+
+def reached(model, move):
+    """Return the force after a step to a position, from the state the model is in."""
+    model.move(*move)
+    report = model.problem.solve()
+    assert report.certified
+    return np.array(report.contacts[0].force)
+
+
+@pytest.mark.parametrize("kind", ["rigid", "deformable"])
+def test_interrupts_at_random_times_change_nothing(kind):
+    def make(prefix):
+        if kind == "rigid":
+            return block("hexahedron", 0.3, prefix, n=(6, 5, 3), energy="finite")
+        return stack(0.4, prefix)
+
+    first, second = (0.0, 0.0, -0.01), (0.01, 0.004, -0.01)
+    reference = make(f"undisturbed_{kind}_")
+    reached(reference, first)
+    expected = reached(reference, second)
+    reference.problem.solve()  # compiled by now
+    model = make(f"interrupted_{kind}_")
+    reached(model, first)
+    begin = time.perf_counter()
+    third = make(f"timed_{kind}_")
+    reached(third, first)
+    before = fingerprint(model.problem)
+    begin = time.perf_counter()
+    reached(third, second)
+    duration = time.perf_counter() - begin
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    usual, rng, hits = signal.signal(signal.SIGALRM, interrupt), np.random.default_rng(5), 0
+    try:
+        for _ in range(4 * INTERRUPTS):
+            model.move(*second)
+            signal.setitimer(signal.ITIMER_REAL, duration * rng.uniform(0.02, 0.9))
+            try:
+                model.problem.solve()
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+            except KeyboardInterrupt:
+                hits += 1
+                assert fingerprint(model.problem) == before
+                if hits == INTERRUPTS:
+                    break
+            else:  # a fast machine was done before: once more from the start
+                model = make(f"interrupted{rng.integers(10**6)}_{kind}_")
+                reached(model, first)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, usual)
+    assert hits == INTERRUPTS
+    assert reached(model, second) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+class Stop(Exception):
+    """An exception that no one below knows."""
+
+
+@pytest.mark.parametrize("where", ["polish", "commit", "present", "residual"])
+def test_exceptions_anywhere_change_nothing(where, monkeypatch):
+    model = block("hexahedron", 0.3, f"left_{where}_")
+    reached(model, (0.0, 0.0, -0.01))
+    before = fingerprint(model.problem)
+    calls = 0
+
+    def fails(*_, **__):
+        raise Stop
+
+    def later(original):
+        def wrapped(*arguments):
+            nonlocal calls
+            calls += 1
+            if calls == 3:
+                raise Stop
+            return original(*arguments)
+
+        return wrapped
+
+    model.move(0.01, 0.0, -0.01)
+    with monkeypatch.context() as patch, pytest.raises(Stop):
+        if where == "polish":
+            patch.setattr(correctors, "polish", fails)
+        elif where == "commit":
+            patch.setattr(ff.Contact, "commit", fails)
+        elif where == "present":
+            patch.setattr(ff.Contact, "present", later(ff.Contact.present))
+        else:
+            callbacks = model.problem.projection._callbacks
+            patch.setattr(callbacks, "assemble_residual", later(callbacks.assemble_residual))
+        model.problem.solve()
+    assert fingerprint(model.problem) == before
+    assert np.isfinite(reached(model, (0.01, 0.0, -0.01))).all()
+
+
+def test_a_monitor_that_raises_leaves_the_last_state():
+    model = block("hexahedron", 0.3, "monitor_")
+    reached(model, (0.0, 0.0, -0.01))
+    before = fingerprint(model.problem)
+
+    def monitor(report):
+        raise Stop
+
+    model.problem.monitor = monitor
+    model.move(0.01, 0.0, -0.01)
+    with pytest.raises(Stop):
+        model.problem.solve()
+    model.problem.monitor = None
+    assert fingerprint(model.problem) == before
