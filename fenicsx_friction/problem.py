@@ -31,6 +31,11 @@ from .settings import StepSettings
 from .substep import Substep, SubstepReport
 
 
+#: The multipliers of a node in several contacts are redundant where it sticks: MUMPS then finds
+#: pivots that vanish, and takes one of the solutions.
+REDUNDANT: dict[str, object] = {"mat_mumps_icntl_24": 1}
+
+
 class FrictionalContactProblem:
     """Quasi-static Signorini contact with friction, one certified increment a :meth:`solve`.
 
@@ -161,6 +166,8 @@ class FrictionalContactProblem:
                 rows,
             )
 
+        if _share_nodes(self.contacts, self.comm):
+            options = {**REDUNDANT, **(options or {})}
         eps, xi, sign = self._eps, self._xi, self._ramp_sign  # not self: no reference cycle
         self.stick = substep("stick", lambda k: k.stick_rows(eps))
         self.slip = substep("slip", lambda k: k.slip_rows(eps, xi, sign))
@@ -341,6 +348,12 @@ def _moment(x: np.ndarray, forces: np.ndarray) -> np.ndarray:
     if x.shape[1] == 2:
         return np.array([np.sum(x[:, 0] * forces[:, 1] - x[:, 1] * forces[:, 0])])
     return np.cross(x, forces).sum(axis=0)
+
+
+def _share_nodes(contacts: Sequence[Contact], comm: MPI.Intracomm) -> bool:
+    """Tell whether a node belongs to several contacts; collective."""
+    nodes = np.concatenate([np.unique(k.parent_dofs) for k in contacts])
+    return bool(comm.allreduce(len(np.unique(nodes)) < len(nodes), MPI.LOR))
 
 
 def _weakly(problem: FrictionalContactProblem) -> Callable[[], np.ndarray]:
