@@ -133,9 +133,7 @@ class FrictionalContactProblem:
         self.constrained_dofs = constrained_dofs(V, self.bcs)
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
         deformable = [k.obstacle.deformable for k in self.contacts]
-        self.coupling = (
-            Coupling(self.contacts, self.state, self.bcs) if any(deformable) else None
-        )
+        self.coupling = Coupling(self.contacts, self.state, self.bcs) if any(deformable) else None
         self.scales = ForceScales(
             self.unknowns,
             self.contacts,

@@ -30,8 +30,11 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
     last = state.ProblemSnapshot(problem)
     try:
         report = _advance(problem)
-    except BaseException:
+    except BaseException as error:
         last.restore()
+        if not isinstance(error, StepFailed):  # it may have left solvers half done
+            for substep in (problem.stick, problem.slip, problem.projection):
+                substep.discard()
         raise
     if not report.certificate.solved:
         last.restore()

@@ -114,7 +114,7 @@ class Substep:
     def problem(self) -> NonlinearProblem:
         """The DOLFINx problem, with its ``solver`` (SNES), ``A`` and ``b``."""
         if self._problem is None:
-            self._problem = NonlinearProblem(
+            made = _Problem(
                 list(self._forms),
                 list(self._unknowns),
                 J=jacobian_blocks(self._forms, self._unknowns),
@@ -123,8 +123,8 @@ class Substep:
                 entity_maps=list(self._entity_maps),
                 kind="mpi",
             )
-            _set_up(self._problem.solver, self._options)
-            snes, factors = self._problem.solver, self._scales.row_factors
+            _set_up(made.solver, self._options)
+            snes, factors = made.solver, self._scales.row_factors
             # Weakly: in a cycle through PETSc, each rank's garbage collector would choose when to
             # destroy the collective objects.
             test = weakref.WeakMethod(self._test)
@@ -136,20 +136,23 @@ class Substep:
                 self._callbacks = CoupledCallbacks(
                     snes, factors, self._unknowns, self._coupling, laws
                 )
+            self._problem = made
         return self._problem
 
     def jacobian(self) -> PETSc.Mat:
         """Assemble the matrix of Newton's method at the current unknowns; the SNES owns it."""
-        problem = self._prepared()
-        matrix = problem.solver.getJacobian()[0]
-        problem.solver.computeJacobian(problem.x, matrix)
+        with self._guarded():
+            problem = self._prepared()
+            matrix = problem.solver.getJacobian()[0]
+            problem.solver.computeJacobian(problem.x, matrix)
         return matrix
 
     def residual(self) -> PETSc.Vec:
         """Return a copy of the residual at the current unknowns."""
         problem = self.problem
-        assign(problem.u, problem.x)
-        problem.solver.computeFunction(problem.x, problem.b)
+        with self._guarded():
+            assign(problem.u, problem.x)
+            problem.solver.computeFunction(problem.x, problem.b)
         return problem.b.copy()
 
     def unbalanced(self) -> float:
@@ -174,6 +177,21 @@ class Substep:
         assert self._callbacks is not None
         self._callbacks.prepare(problem.solver, problem.x)
         return problem
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """Discard the solver after an error, and raise what a callback raised."""
+        try:
+            yield
+        except PETSc.Error as error:
+            cause = error.__context__ if self._callbacks is None else self._callbacks.error
+            self.discard()
+            if cause is not None:
+                raise cause from None
+            raise
+        except BaseException:
+            self.discard()
+            raise
 
     def discard(self) -> None:
         """Forget solver and matrices, which an error may have left half done."""
@@ -222,22 +240,13 @@ class Substep:
 
     def _run(self, problem: NonlinearProblem, target: PETSc.Vec | None) -> tuple[bool, str]:
         """Solve as ``NonlinearProblem.solve``, which knows no right-hand side."""
-        self._prepared()
-        callbacks = self._callbacks
-        assert callbacks is not None
         try:
-            with _options(problem.solver, self._options):
+            with self._guarded(), _options(problem.solver, self._options):
+                self._prepared()
                 problem.solver.solve(target, problem.x)
         except PETSc.Error as error:
-            # The factors cannot be used again, and a matrix may be half assembled.
-            self.discard()
-            if callbacks.error is not None:
-                raise callbacks.error from None
             # MUMPS gives up on a structurally singular matrix with an error, not a reason.
             return False, f"LINEAR_SOLVER_ERROR_{error.ierr}"
-        except BaseException:
-            self.discard()
-            raise
         problem.x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
         assign(problem.x, problem.u)
         reason = problem.solver.getConvergedReason()
@@ -271,6 +280,12 @@ class Substep:
         if self._cycled or it >= max_it:
             return reason.DIVERGED_MAX_IT
         return reason.ITERATING
+
+
+class _Problem(NonlinearProblem):
+    """A problem that can be collected although an exception left it half made."""
+
+    _snes = _A = _b = _x = _P_mat = None
 
 
 @contextmanager

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
-from dolfinx.fem.petsc import NonlinearProblem
 
 import fenicsx_friction as ff
 from fenicsx_friction import laws, substep
@@ -205,12 +204,12 @@ def test_jacobian_in_3d_with_each_normal_function(law, normal):
 
 @pytest.mark.parametrize(("row", "where"), [(0, "momentum"), (1, "contact 'contact'")])
 def test_a_wrong_jacobian_is_found_and_named(row, where, monkeypatch):
-    class Crippled(NonlinearProblem):
+    class Crippled(substep._Problem):
         def __init__(self, F, u, **options):
             options["J"][row][1 - row] = 1.001 * options["J"][row][1 - row]
             super().__init__(F, u, **options)
 
-    monkeypatch.setattr(substep, "NonlinearProblem", Crippled)
+    monkeypatch.setattr(substep, "_Problem", Crippled)
     report = check_jacobian(dragged(LAWS["constant"][0], "wrong_").problem)
     assert report.error > 1e-5
     assert report.worst.block == where
@@ -267,7 +266,7 @@ def test_permanent_stick_holds_any_traction_and_lets_go_when_pulled(corrector):
     assert totals.stick >= 2
     assert abs(totals.force[0]) > 1.1 * totals.force[1]  # more than mu = 1 would hold
     pressure = model.nodes()[1]
-    assert np.max(abs(slip[pressure > 0.0])) < 1e-12
+    assert np.max(abs(slip[pressure > 1e-9 * np.max(pressure)])) < 1e-12
     report = model.move(0.08, 0.3)  # less far, a wedged corner is a solution, too
     assert report.contacts[0].open == 5
     assert np.max(abs(model.nodes()[2])) < 1e-12 * PRESSURE
