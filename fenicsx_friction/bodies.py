@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The bodies of a mesh: its connected parts; largest values over parts."""
 
+from typing import Any
+
 from mpi4py import MPI
 
 import numpy as np
@@ -38,7 +40,7 @@ def number_bodies(V: fem.FunctionSpace) -> tuple[int, Labels]:
     return bodies, body[part]
 
 
-def _scalar(V: fem.FunctionSpace) -> object:
+def _scalar(V: fem.FunctionSpace) -> Any:
     """Return the scalar element of a blocked space, whose dofs have the same numbers."""
     element = V.ufl_element()
     return element.sub_elements[0] if element.block_size > 1 else element

@@ -164,7 +164,7 @@ class Contact:
         limit = (1.0 - xi) * self._limit(laws.ramp(self.c[0] - self.r * self.kinematics.gap, eps))
         return self._rows(eps, self.friction.row(self._slip, self._c_t, limit, self.r, eps))
 
-    def slip_rows(self, eps: Expr, xi: Expr, sign: float) -> Expr:
+    def slip_rows(self, eps: Expr, xi: Expr, sign: Expr) -> Expr:
         """Slip rows (15) at the ``slipping`` nodes, projection rows at the others."""
         w = laws.blended_slip(self._slip, self._stick, xi, self.slip_scale, sign)
         limit = self._scale * self.friction.limit(self.c[0], self.sliding)
@@ -375,7 +375,6 @@ class Contact:
         Args:
             held: 1 at the dofs of the displacement under a condition, else 0.
         """
-        d, n = self.surface.mesh.geometry.dim, self.surface.num_owned
         self._held = held
         self._tangents = [self.evaluator(e) for e in self.kinematics.tangents]
         normals = self._normals()

@@ -97,7 +97,7 @@ def stick_row(s: Expr, c_t: Expr, r: Expr, H: Expr) -> Expr:
     return H * r * s + (1.0 - H) * c_t
 
 
-def blended_slip(s: Expr, c_stick: Expr, xi: Expr, scale: Expr, sign: float = -1.0) -> Expr:
+def blended_slip(s: Expr, c_stick: Expr, xi: Expr, scale: Expr, sign: float | Expr = -1.0) -> Expr:
     """Slip ``w`` blended with the direction of the stick force, eq. (12).
 
     Args:

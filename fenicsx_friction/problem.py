@@ -30,7 +30,6 @@ from .report import ContactReport, StepReport
 from .settings import StepSettings
 from .substep import Substep, SubstepReport
 
-
 #: The multipliers of a node in several contacts are redundant where it sticks: MUMPS then finds
 #: pivots that vanish, and takes one of the solutions.
 REDUNDANT: dict[str, object] = {"mat_mumps_icntl_24": 1}

@@ -17,8 +17,8 @@ from dolfinx import fem, mesh
 from dolfinx.fem.petsc import NonlinearProblem, assign
 from ufl.core.expr import Expr
 
-from .compat import jacobian_blocks
 from .callbacks import Callbacks
+from .compat import jacobian_blocks
 from .coupled_solver import CoupledCallbacks
 from .coupling import Coupling
 from .errors import ContactInputError

@@ -10,8 +10,8 @@ from dolfinx import fem
 
 import fenicsx_friction as ff
 from bodies import stack
-from models import block
 from fenicsx_friction import correctors
+from models import block
 
 #: Interrupts at random times of one run of the test.
 INTERRUPTS = 12
