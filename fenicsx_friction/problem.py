@@ -16,6 +16,7 @@ from ufl.core.expr import Expr
 from . import step
 from .certificate import OPEN, SLIP, STICK, Certificate, NodalState, certify
 from .checks import check_problem
+from .compilation import compiled
 from .conditions import constrained_dofs, with_conditions
 from .contact import Contact
 from .coupling import Coupling
@@ -95,8 +96,9 @@ class FrictionalContactProblem:
             ufl.inner(k.kinematics.traction(k.c), blocks[0].arguments()[0]) * ds
             for k, ds in zip(self.contacts, measures, strict=True)
         )
-        self._momentum_form = fem.form(self._momentum, entity_maps=self._entity_maps)
-        self._bulk_form = fem.form(self.bulk, entity_maps=self._entity_maps)
+        form = compiled(fem.form, self.comm)
+        self._momentum_form = form(self._momentum, entity_maps=self._entity_maps)
+        self._bulk_form = form(self.bulk, entity_maps=self._entity_maps)
         self.constrained_dofs = constrained_dofs(V, self.bcs)
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
 
@@ -255,7 +257,8 @@ class FrictionalContactProblem:
     def _set_up_contacts(self, bulk: ufl.Form) -> None:
         """Derive kinematics, scales and prescribed directions of the contacts."""
         V = self.u.function_space
-        tangent = fem.form(ufl.derivative(bulk, self.u), entity_maps=self._entity_maps)
+        form = compiled(fem.form, self.comm)
+        tangent = form(ufl.derivative(bulk, self.u), entity_maps=self._entity_maps)
         matrix = assemble_matrix(tangent)
         matrix.assemble()
         diagonal = fem.Function(V)

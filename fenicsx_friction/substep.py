@@ -13,10 +13,11 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from dolfinx.fem.petsc import NonlinearProblem, assign
+from dolfinx.fem.petsc import assign
 from ufl.core.expr import Expr
 
 from .compat import jacobian_blocks
+from .compilation import NonlinearProblem, compiled
 from .coupled_solver import CoupledSolver
 from .coupling import Coupling
 
@@ -110,7 +111,7 @@ class Substep:
     def problem(self) -> NonlinearProblem:
         """The DOLFINx problem, with its ``solver`` (SNES), ``A`` and ``b``."""
         if self._problem is None:
-            self._problem = NonlinearProblem(
+            self._problem = compiled(NonlinearProblem, self._unknowns[0].function_space.mesh.comm)(
                 list(self._forms),
                 list(self._unknowns),
                 J=jacobian_blocks(self._forms, self._unknowns),
