@@ -12,6 +12,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from .compilation import compiled
 from .problem import FrictionalContactProblem, assemble_owned
 
 
@@ -67,8 +68,9 @@ class EnergyAudit:
         self, problem: FrictionalContactProblem, stored: ufl.Form, loads: ufl.Form | None = None
     ) -> None:
         self._problem = problem
-        self._stored = fem.form(stored)
-        self._loads = None if loads is None else fem.form(loads)
+        form = compiled(fem.form, problem.comm)
+        self._stored = form(stored)
+        self._loads = None if loads is None else form(loads)
         self._u = problem.u.x.array.copy()
         self._energy, self._forces, self._contact = self._evaluate()
 

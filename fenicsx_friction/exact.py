@@ -16,6 +16,7 @@ import ufl
 from dolfinx import fem
 from scipy.sparse import csr_matrix
 
+from .compilation import compiled
 from .errors import ContactInputError
 from .friction import Coulomb
 from .problem import FrictionalContactProblem
@@ -74,7 +75,7 @@ class ExactReference:
         self._problem, self._contact = problem, contact
         V = problem.u.function_space
         d = V.mesh.geometry.dim
-        self._residual = fem.form(problem.bulk)
+        self._residual = compiled(fem.form, problem.comm)(problem.bulk)
         self._K = _stiffness(problem)
         self._C = (contact.parent_dofs[:, None] * d + np.arange(d)).ravel()
         self._D = problem.constrained_dofs
@@ -182,6 +183,7 @@ class ExactReference:
 
 def _stiffness(problem: FrictionalContactProblem) -> csr_matrix:
     """Assemble the bulk stiffness without boundary conditions."""
-    matrix = fem.assemble_matrix(fem.form(ufl.derivative(problem.bulk, problem.u)))
+    form = compiled(fem.form, problem.comm)(ufl.derivative(problem.bulk, problem.u))
+    matrix = fem.assemble_matrix(form)
     matrix.scatter_reverse()
     return csr_matrix(matrix.to_scipy())

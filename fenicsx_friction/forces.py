@@ -17,6 +17,7 @@ from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
 
 from .bodies import Array, Groups, Labels, number_bodies
+from .compilation import compiled
 from .conditions import constrained_dofs, with_conditions
 from .scales import DIGITS, FAINT, Scales
 
@@ -230,7 +231,8 @@ def force_units(
         tangent = ufl.algorithms.expand_derivatives(ufl.derivative(equation, u))
         units.append(1.0)
         if not tangent.empty():
-            matrix = assemble_matrix(fem.form(tangent, entity_maps=list(entity_maps)))
+            form = compiled(fem.form, comm)
+            matrix = assemble_matrix(form(tangent, entity_maps=list(entity_maps)))
             matrix.assemble()
             largest = matrix.norm(PETSc.NormType.INFINITY)
             matrix.destroy()

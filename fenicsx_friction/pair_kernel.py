@@ -21,6 +21,7 @@ import ufl
 from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
+from .compilation import compiled
 from .face_cells import Array, FaceCell, newton_step, weighted
 
 
@@ -60,8 +61,9 @@ class PairKernel:
         self._hint = self._vector(gdim)
         z = ufl.variable(self._z)
         values, point = self._element(z), np.zeros((1, 0))
-        self._values = fem.Expression(values, point, comm=comm)
-        self._derivatives = fem.Expression(ufl.diff(values, z), point, comm=comm)
+        expression = compiled(fem.Expression, comm)
+        self._values = expression(values, point, comm=comm)
+        self._derivatives = expression(ufl.diff(values, z), point, comm=comm)
 
     def values(self, geometry: PairGeometry) -> Array:
         """Return gap, way, normal[, tangent] and shape functions, one row a pair."""

@@ -20,6 +20,7 @@ from . import step
 from .certificate import OPEN, SLIP, STICK, Certificate, NodalState, certify
 from .checks import check_problem
 from .collective import on_all_ranks
+from .compilation import compiled
 from .conditions import constrained, constrained_dofs, with_conditions
 from .contact import Contact
 from .coupling import Coupling
@@ -125,9 +126,9 @@ class FrictionalContactProblem:
             ufl.inner(k.kinematics.traction(k.c), blocks[0].arguments()[0]) * ds
             for k, ds in zip(self.contacts, measures, strict=True)
         )
+        form = compiled(fem.form, self.comm)
         self._momentum_form, self._bulk_form, *self._other_forms = (
-            fem.form(f, entity_maps=self._entity_maps)
-            for f in (self._momentum, self.bulk, *blocks[1:])
+            form(f, entity_maps=self._entity_maps) for f in (self._momentum, self.bulk, *blocks[1:])
         )
         self.constrained_dofs = constrained_dofs(V, self.bcs)
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
@@ -318,7 +319,8 @@ class FrictionalContactProblem:
             The diagonal of the bulk stiffness (N/m) at the owned dofs.
         """
         V = self.u.function_space
-        tangent = fem.form(ufl.derivative(bulk, self.u), entity_maps=self._entity_maps)
+        form = compiled(fem.form, self.comm)
+        tangent = form(ufl.derivative(bulk, self.u), entity_maps=self._entity_maps)
         matrix = assemble_matrix(tangent)
         matrix.assemble()
         diagonal, owned = fem.Function(V), matrix.getLocalSize()[0]

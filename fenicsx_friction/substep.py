@@ -14,11 +14,12 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from dolfinx.fem.petsc import NonlinearProblem, assign
+from dolfinx.fem.petsc import assign
 from ufl.core.expr import Expr
 
 from .callbacks import Callbacks
 from .compat import jacobian_blocks
+from .compilation import NonlinearProblem, compiled
 from .coupled_solver import CoupledCallbacks
 from .coupling import Coupling
 from .errors import ContactInputError
@@ -114,7 +115,8 @@ class Substep:
     def problem(self) -> NonlinearProblem:
         """The DOLFINx problem, with its ``solver`` (SNES), ``A`` and ``b``."""
         if self._problem is None:
-            made = _Problem(
+            make = compiled(NonlinearProblem, self._unknowns[0].function_space.mesh.comm)
+            made = make(
                 list(self._forms),
                 list(self._unknowns),
                 J=jacobian_blocks(self._forms, self._unknowns),
@@ -280,12 +282,6 @@ class Substep:
         if self._cycled or it >= max_it:
             return reason.DIVERGED_MAX_IT
         return reason.ITERATING
-
-
-class _Problem(NonlinearProblem):
-    """A problem that can be collected although an exception left it half made."""
-
-    _snes = _A = _b = _x = _P_mat = None
 
 
 @contextmanager

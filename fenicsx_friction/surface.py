@@ -11,6 +11,7 @@ from dolfinx import fem, la, mesh
 from ufl.core.expr import Expr
 
 from .compat import exterior_facet_entities
+from .compilation import compiled
 from .errors import ContactInputError
 
 #: Collocation at the vertices: each contact equation involves one node only.
@@ -89,7 +90,8 @@ class ContactSurface:
 
     def _assemble(self, form: ufl.Form, space: fem.FunctionSpace) -> npt.NDArray[np.floating]:
         """Assemble a linear form on the submesh; return owned and ghost values."""
-        vector = fem.assemble_vector(fem.form(form, entity_maps=[self.entity_map]))
+        compiled_form = compiled(fem.form, self.mesh.comm)(form, entity_maps=[self.entity_map])
+        vector = fem.assemble_vector(compiled_form)
         return _accumulate(vector, space.dofmap.index_map_bs)
 
     def parent_dofs(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
@@ -142,7 +144,7 @@ class NodalExpression:
         element = basix.ufl.element("Lagrange", cell, 1, shape=shape)
         self._space = fem.functionspace(surface.submesh, element)
         q = ufl.TestFunction(self._space)
-        self._form = fem.form(
+        self._form = compiled(fem.form, surface.mesh.comm)(
             ufl.inner(expression, q) * surface.measure(), entity_maps=[surface.entity_map]
         )
 

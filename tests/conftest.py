@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Settings for all tests: collective clean-up, one report for all MPI ranks."""
 
+import faulthandler
 import gc
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -16,8 +18,12 @@ import pytest
 hypothesis.settings.register_profile("project", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("project")
 
-#: Seconds that a rank waits for the others at the end of a test before it ends them all.
-PATIENCE = 120.0
+#: Seconds at the end of a test after which a rank tells that it waits for the others, and, if it
+#: failed (they may wait for it inside the test), ends them all. A hang is ended by pytest's
+#: ``faulthandler_timeout``.
+PATIENCE = 60.0
+
+FAILURE = pytest.StashKey[str]()
 
 # Apart from COMM_WORLD, so that waiting never matches a collective call inside a test.
 _meeting = MPI.COMM_WORLD.Dup()
@@ -43,11 +49,27 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.unregister(reporter)
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """End a process, too, that hangs when MPI is finalised."""
+    limit = float(config.getini("faulthandler_timeout"))
+    faulthandler.dump_traceback_later(limit, file=sys.__stderr__, exit=True)
+
+
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Name failures of the other ranks in one line each."""
     if report.failed and MPI.COMM_WORLD.rank > 0:
         crash = getattr(report.longrepr, "reprcrash", report.longrepr)
         print(f"\nrank {MPI.COMM_WORLD.rank}: {report.nodeid}: {crash}", file=sys.__stderr__)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, Any]:
+    """Keep the text of a failure."""
+    report = yield
+    if report.failed:
+        item.stash[FAILURE] = report.longreprtext
+    return report
 
 
 @pytest.fixture(autouse=True)
@@ -57,15 +79,25 @@ def collect_garbage(request: pytest.FixtureRequest) -> Iterator[None]:
     A test that failed on one rank only leaves the others waiting for it inside the test:
     the rank that failed ends the run then.
     """
-    capture = request.config.pluginmanager.get_plugin("capturemanager")
     yield
-    together = _meeting.Ibarrier()
-    start = time.monotonic()
-    while not together.Test():
-        if time.monotonic() - start > PATIENCE:
-            with capture.global_and_fixture_disabled():
-                print(f"\n{request.node.nodeid}: another rank hangs", file=sys.stderr, flush=True)
-            MPI.COMM_WORLD.Abort(1)
-        time.sleep(1e-3)
+    _wait_for_all_ranks(request.node, request.config.pluginmanager.get_plugin("capturemanager"))
     gc.collect()
     PETSc.garbage_cleanup(MPI.COMM_WORLD)
+
+
+def _wait_for_all_ranks(test: pytest.Item, capture: Any) -> None:
+    """Wait until all ranks are here, however slow they are."""
+    together, start, told = _meeting.Ibarrier(), time.monotonic(), False
+    while not together.Test():
+        if not told and time.monotonic() - start > PATIENCE:
+            told, failure = True, test.stash.get(FAILURE, None)
+            with capture.global_and_fixture_disabled():
+                print(
+                    f"\n{test.nodeid}: rank {MPI.COMM_WORLD.rank} waits for other ranks.",
+                    f"It failed: {failure}" if failure else "",
+                    file=sys.__stderr__,
+                    flush=True,
+                )
+            if failure:
+                MPI.COMM_WORLD.Abort(1)
+        time.sleep(1e-3)

@@ -267,5 +267,5 @@ def kill(folder):
 
 
 if __name__ == "__main__":
-    faulthandler.dump_traceback_later(100, exit=True)
+    faulthandler.dump_traceback_later(1500, exit=True)
     {"ranks": ranks, "resume": resume, "kill": kill}[sys.argv[1]](Path(sys.argv[2]), *sys.argv[3:])

@@ -182,7 +182,7 @@ def test_user_history_and_shared_motions(comm, path):
 
 
 def run(*command):
-    result = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=120)
+    result = subprocess.run([*map(str, command)], capture_output=True, text=True)
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
 

@@ -204,12 +204,12 @@ def test_jacobian_in_3d_with_each_normal_function(law, normal):
 
 @pytest.mark.parametrize(("row", "where"), [(0, "momentum"), (1, "contact 'contact'")])
 def test_a_wrong_jacobian_is_found_and_named(row, where, monkeypatch):
-    class Crippled(substep._Problem):
+    class Crippled(substep.NonlinearProblem):
         def __init__(self, F, u, **options):
             options["J"][row][1 - row] = 1.001 * options["J"][row][1 - row]
             super().__init__(F, u, **options)
 
-    monkeypatch.setattr(substep, "_Problem", Crippled)
+    monkeypatch.setattr(substep, "NonlinearProblem", Crippled)
     report = check_jacobian(dragged(LAWS["constant"][0], "wrong_").problem)
     assert report.error > 1e-5
     assert report.worst.block == where

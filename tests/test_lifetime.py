@@ -16,12 +16,12 @@ def alive(monkeypatch):
     """References to all nonlinear problems that are made; no garbage collector."""
     made = []
 
-    class Watched(substep._Problem):
+    class Watched(substep.NonlinearProblem):
         def __init__(self, *args, **kwargs):
             super().__init__(*args, **kwargs)
             made.append(weakref.ref(self))
 
-    monkeypatch.setattr(substep, "_Problem", Watched)
+    monkeypatch.setattr(substep, "NonlinearProblem", Watched)
     gc.disable()
     yield lambda: [problem() is not None for problem in made]
     gc.enable()

@@ -75,13 +75,13 @@ def test_forgotten_history_is_seen_by_the_exact_reference(monkeypatch):
 def test_missing_coupling_block_of_the_jacobian_is_not_accepted(row, monkeypatch):
     """Without ``dR/dc`` of equilibrium, or ``dR/du`` of contact, Newton gets nowhere."""
 
-    class Crippled(substep._Problem):
+    class Crippled(substep.NonlinearProblem):
         def __init__(self, F, u, **options):
             J = options.pop("J")
             J[row][1 - row] = None
             super().__init__(F, u, J=J, **options)
 
-    monkeypatch.setattr(substep, "_Problem", Crippled)
+    monkeypatch.setattr(substep, "NonlinearProblem", Crippled)
     with pytest.raises(ff.StepFailed):
         raous(8, 8, 1.0, "crippled_").problem.solve()
 
