@@ -209,9 +209,18 @@ def test_serial_run_resumed_on_two_ranks(name, folder, uninterrupted):
 
 
 @serial
-def test_killed_writers_leave_a_complete_file(tmp_path):
-    output = run(*PYTHON, "kill", tmp_path)
-    assert "killed during writing" in output
+@pytest.mark.parametrize(
+    ("work", "result"),
+    [
+        ("kill", "killed during writing"),
+        ("writers", "broken: 0"),
+        ("full", "refused: 15 of 15"),
+        ("kill_path", "kills: 20"),
+    ],
+)
+def test_killed_writers_two_writers_full_disks_and_killed_runs(work, result, tmp_path):
+    """The published file is whole each time; a killed and resumed run ends as the other."""
+    assert result in run(*PYTHON, work, tmp_path)
 
 
 # -- refused --------------------------------------------------------------------------------------
