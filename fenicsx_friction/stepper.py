@@ -16,7 +16,7 @@ from .callbacks import check_callable
 from .collective import on_all_ranks
 from .diagnosis import SMALLER_STEP, NodeWatch
 from .energy import EnergyAudit, EnergyBalance
-from .errors import StepFailed
+from .errors import ContactInputError, StepFailed
 from .events import EventLog, find_events
 from .problem import FrictionalContactProblem
 from .progress import step_progress
@@ -156,6 +156,10 @@ class LoadStepper:
             check_callable(update, "update")
         if audit is not None:
             instance(audit, EnergyAudit, "audit", "an EnergyAudit of the problem")
+            if audit._problem is not problem:
+                raise ContactInputError(
+                    f"audit = {audit!r} is one of another problem; give EnergyAudit(problem, ...)."
+                )
         self.problem, self.loads, self.time, self.end = problem, loads, float(start), float(end)
         self._start, self._update, self._audit = self.time, update, audit
         self._history = instances(history, fem.Function, "history", "fem.Functions")
