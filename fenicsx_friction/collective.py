@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Work of one rank whose exceptions are raised on all ranks."""
 
+import pickle
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -10,22 +11,25 @@ T = TypeVar("T")
 
 
 def on_all_ranks(comm: MPI.Intracomm, work: Callable[[], T]) -> T:
-    """Run ``work``, which is not collective, on each rank; collective.
+    """Run ``work`` on each rank; collective.
+
+    If it raises on some ranks, all raise the exception of the first of them: whoever catches some
+    exceptions only catches the same on all ranks. That holds for Ctrl-C inside ``work``, too. Work
+    that is collective itself must raise before its first collective call, or on all ranks.
 
     Returns:
         This rank's result.
 
     Raises:
-        RuntimeError: If ``work`` raised an exception on other ranks only; on the ranks where it
-            did, that exception.
+        BaseException: What ``work`` raised on the first rank where it did; a RuntimeError that
+            quotes it, if it cannot be sent to other ranks.
     """
     result, failure = _attempt(work)
     try:
-        messages = [m for m in comm.allgather(failure and repr(failure)) if m]
+        if comm.size > 1:
+            failure = _first(comm, failure)
         if failure is not None:
             raise failure
-        if messages:
-            raise RuntimeError(f"{messages[0]} (on another rank)")
     finally:
         del failure  # in a cycle with its traceback, see Substep.problem
     assert result is not None
@@ -38,19 +42,37 @@ def on_first_rank(comm: MPI.Intracomm, work: Callable[[], T]) -> T | None:
     Returns:
         The result on rank 0, ``None`` on the others.
     """
-    result, failure = _attempt(work) if comm.rank == 0 else (None, None)
+    return on_all_ranks(comm, work if comm.rank == 0 else lambda: None)
+
+
+def _first(comm: MPI.Intracomm, failure: BaseException | None) -> BaseException | None:
+    """Return the exception of the first rank that has one; a rank's own with its traceback."""
+    sent = comm.allgather(None if failure is None else _sendable(failure))
+    rank = next((rank for rank, content in enumerate(sent) if content is not None), None)
+    if rank is None:
+        return None
+    content, is_itself = sent[rank]
+    if rank == comm.rank and is_itself:
+        return failure
+    first: BaseException = pickle.loads(content)
+    first.__cause__ = failure if rank == comm.rank else RuntimeError(f"Raised on rank {rank}.")
+    return first
+
+
+def _sendable(failure: BaseException) -> tuple[bytes, bool]:
+    """Return a pickled exception and whether it is the same, not a RuntimeError that quotes it."""
     try:
-        failure_there = comm.bcast(failure)
-        if failure := failure or failure_there:  # rank 0's own has a traceback
-            raise failure
-    finally:
-        del failure, failure_there
-    return result[0] if result else None
+        content = pickle.dumps(failure)
+        if type(pickle.loads(content)) is type(failure):
+            return content, True
+    except Exception:
+        pass  # it holds what belongs to this process
+    return pickle.dumps(RuntimeError(repr(failure))), False
 
 
-def _attempt(work: Callable[[], T]) -> tuple[tuple[T] | None, Exception | None]:
+def _attempt(work: Callable[[], T]) -> tuple[tuple[T] | None, BaseException | None]:
     """Return the result, in a tuple, or the exception."""
     try:
         return (work(),), None
-    except Exception as error:
+    except BaseException as error:
         return None, error

@@ -9,9 +9,9 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx.fem.petsc import assign
 
-from .callbacks import Callbacks
 from .coupling import Coupling
 from .face_cells import Array
+from .snes_callbacks import Callbacks
 
 
 class CoupledCallbacks(Callbacks):

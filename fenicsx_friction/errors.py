@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Errors that say what failed, where, and what to try."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 
 class ContactInputError(ValueError):
     """A mesh, tag, law or boundary condition that cannot make a contact problem."""
@@ -8,6 +13,8 @@ class ContactInputError(ValueError):
 
 class StepFailed(RuntimeError):
     """No certified solution of the increment was found; the last accepted state was restored.
+
+    It can be pickled with its report, as pools of processes do.
 
     Attributes:
         report: The :class:`~fenicsx_friction.report.StepReport` of the failed step.
@@ -17,6 +24,15 @@ class StepFailed(RuntimeError):
         super().__init__(message)
         self.report = report
 
+    def __reduce__(self) -> tuple[Callable[..., StepFailed], tuple[Any, ...], dict[str, Any]]:
+        """Say how to copy it: without the constructor, which also those who derive have changed."""
+        return _unpickled, (type(self), *self.args), vars(self)
+
 
 class CheckpointError(ValueError):
     """A checkpoint that cannot be written, or cannot be read into this problem."""
+
+
+def _unpickled(kind: type[StepFailed], *arguments: object) -> StepFailed:
+    """Return an exception without the attributes that its constructor sets."""
+    return kind.__new__(kind, *arguments)

@@ -21,6 +21,7 @@ class Numbering:
         V: The space.
 
     Attributes:
+        size: Number of dofs (rank 0).
         fingerprint: Number of dofs and SHA-256 of their keys (rank 0).
 
     Raises:
@@ -32,10 +33,12 @@ class Numbering:
         self._comm = V.mesh.comm
         parts = self._comm.gather(_keys(V))
         self._ends, self._order, self.fingerprint = np.zeros(0, int), np.zeros(0, int), ""
+        self.size = 0
         if parts is not None:
             keys = np.concatenate(parts)
             self._ends = np.cumsum([len(part) for part in parts])
             self._order = np.lexsort(keys.T[::-1])
+            self.size = len(keys)
             self.fingerprint = f"{len(keys)}, SHA-256 {_sha256(keys[self._order])}"
 
     def gather(self, rows: Array) -> Array:

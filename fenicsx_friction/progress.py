@@ -2,7 +2,7 @@
 """A progress bar for the load steps."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 from rich.console import Console
@@ -17,6 +17,8 @@ def step_progress(
 ) -> Iterator[Callable[[StepRecord], None]]:
     """Show a progress bar inside the context; hand out what updates it.
 
+    A terminal that is gone is no reason to end a run, nor one of its ranks.
+
     Args:
         console: Where to.
         start: Where the path starts.
@@ -30,12 +32,17 @@ def step_progress(
     def show(record: StepRecord) -> None:
         """Tell how the step went."""
         states = np.sum([[k.open, k.stick, k.slip] for k in record.report.contacts], axis=0)
-        bar.update(
-            task,
-            completed=record.time - start,
-            description=f"step {record.report.step} to {record.time:.4g}: {record.step:.2g} in "
-            f"{record.report.iterations} it., open/stick/slip {'/'.join(map(str, states))}",
+        text = (
+            f"step {record.report.step} to {record.time:.4g}: {record.step:.2g} in "
+            f"{record.report.iterations} it., open/stick/slip {'/'.join(map(str, states))}"
         )
+        with suppress(OSError):
+            bar.update(task, completed=record.time - start, description=text)
 
-    with bar:
+    with suppress(OSError):
+        bar.start()
+    try:
         yield show
+    finally:
+        with suppress(OSError):
+            bar.stop()

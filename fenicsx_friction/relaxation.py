@@ -16,6 +16,7 @@ from ufl.core.expr import Expr
 
 from .errors import ContactInputError, StepFailed
 from .report import StepReport
+from .validators import instance
 
 if TYPE_CHECKING:
     from .problem import FrictionalContactProblem
@@ -45,6 +46,12 @@ class ViscousRelaxation:
     friction and slip path obey the unsmoothed law along the way. At last ``eta = 0``: only a state
     that is certified without damping is accepted.
 
+    A snap is dynamics, so the increments are not the path of the body in time. But a law that
+    depends on the slip rate divides by ``problem.dt``: the times of the increments must add up to
+    that of the step. The ``k``-th damped one takes ``1 / (k + 1)`` of the time that is left, the
+    last one all of it. However many they turn out to be, the last, whose state is kept, has an
+    equal share of the step, and those before, which carry the body furthest, the earlier the more.
+
     Args:
         u: The displacement.
 
@@ -54,7 +61,7 @@ class ViscousRelaxation:
     """
 
     def __init__(self, u: fem.Function) -> None:
-        self._u = u
+        self._u = instance(u, fem.Function, "u", "the displacement, a fem.Function")
         self.damping = fem.Constant(u.function_space.mesh, default_scalar_type(0.0))
         self.reference = fem.Function(u.function_space, name="relaxation_reference")
 
@@ -76,7 +83,8 @@ class ViscousRelaxation:
         """Take the problem from its last accepted state to equilibrium under the present loads.
 
         Args:
-            problem: The problem, with the loads set.
+            problem: The problem, with the loads and ``dt`` of the step set. ``dt`` is the last
+                increment's afterwards.
             accepted: Called after each increment.
 
         Returns:
@@ -86,9 +94,9 @@ class ViscousRelaxation:
             StepFailed: If it does not get there; the problem is somewhere on the way.
         """
         settings = problem.settings
-        # More damping is cheaper than more ways to solve.
-        problem.settings = replace(settings, fallbacks=0, raise_on_uncertified=True)
         try:
+            # More damping is cheaper than more ways to solve.
+            problem.settings = replace(settings, fallbacks=0, raise_on_uncertified=True)
             return self._creep(problem, accepted)
         finally:
             problem.settings = settings
@@ -99,20 +107,23 @@ class ViscousRelaxation:
         """Make damped increments until one without damping succeeds."""
         unit = _stiffness(problem)
         eta, increments = FIRST * unit, 0
+        left = float(problem.dt.value)
         failure: StepFailed | None = None
         for _ in range(MAX_INCREMENTS):
             try:
-                self._solve(problem, eta)
+                share = left / (increments + 2)
+                self._solve(problem, eta, share)
             except StepFailed as error:
                 failure, eta = error, eta * MORE
                 if eta > MOST * unit:
                     break
                 continue
             increments += 1
+            left -= share
             accepted()
             eta *= LESS
             try:
-                report = self._solve(problem, 0.0)
+                report = self._solve(problem, 0.0, left)
             except StepFailed as error:
                 failure = error
                 continue
@@ -121,8 +132,9 @@ class ViscousRelaxation:
         assert failure is not None
         raise failure
 
-    def _solve(self, problem: FrictionalContactProblem, eta: float) -> StepReport:
-        """Make one increment at a damping; without one once it is over."""
+    def _solve(self, problem: FrictionalContactProblem, eta: float, dt: float) -> StepReport:
+        """Make one increment of a time at a damping; without one once it is over."""
+        problem.dt.value = np.asarray(dt)
         self.reference.x.array[:] = self._u.x.array
         self.damping.value = np.asarray(eta)
         try:

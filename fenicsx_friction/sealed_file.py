@@ -1,73 +1,75 @@
 # SPDX-License-Identifier: MIT
-"""HDF5 files behind a header with their SHA-256, replaced at once and read only if whole."""
+"""HDF5 files behind a header with their SHA-256, replaced at once and read only if whole.
+
+HDF5 never sees the disk: where one is full, it would end the process.
+"""
 
 import contextlib
 import hashlib
+import io
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
+from .atomic_file import read_regular, replace_file
 from .errors import CheckpointError
 
 #: First words of the file, version of its layout, bytes before the HDF5 part (its "user block").
 FORMAT, VERSION, HEADER = "fenicsx_friction checkpoint", 1, 512
 
 
-def verify(file: BinaryIO) -> None:
-    """Raise unless the file is a checkpoint of this format, to the last bit."""
-    header = file.read(HEADER)
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[Any]:
+    """Hand out an empty HDF5 file in memory that replaces the file ``path`` at the end."""
+    memory = io.BytesIO()
+    with _hdf5(memory, "w", userblock_size=HEADER) as h5:
+        yield h5
+    with memory.getbuffer() as content:
+        replace_file(path, _header_of(content), content[HEADER:])
+
+
+@contextlib.contextmanager
+def reading(path: str | os.PathLike[str]) -> Iterator[Any]:
+    """Hand out the HDF5 part of a file that is whole."""
+    with read_regular(path) as file:
+        header = file.read(HEADER)
+        _check_format(header)
+        file.seek(0)
+        content = file.read()
+    right = _header_of(memoryview(content))
+    if header != right:
+        size, expected = (words.split()[4].decode("ascii", "replace") for words in (right, header))
+        reason = f"truncated: it has {size} of {expected} bytes" if size != expected else "damaged"
+        raise CheckpointError(f"is {reason}; its SHA-256 is not the one in its header.")
+    with _hdf5(io.BytesIO(content), "r") as h5:
+        yield h5
+
+
+def _check_format(header: bytes) -> None:
+    """Raise unless a file begins as a checkpoint of this format."""
     if not header.startswith(FORMAT.encode()):
         raise CheckpointError("is no checkpoint of fenicsx_friction.")
     if len(header) < HEADER:
         raise CheckpointError(f"is truncated: it has {len(header)} bytes only.")
     words = header.decode("ascii", "replace").split()
+    if len(words) < 5:
+        raise CheckpointError("is damaged: its header is not whole.")
     if words[2] != str(VERSION):
         raise CheckpointError(
             f"has format {words[2]}, this version of fenicsx_friction reads format {VERSION}."
         )
-    right = header_of(file)
-    if header != right:
-        size, expected = right.split()[4].decode(), words[4]
-        reason = f"truncated: it has {size} of {expected} bytes" if size != expected else "damaged"
-        raise CheckpointError(f"is {reason}; its SHA-256 is not the one in its header.")
 
 
-def header_of(file: BinaryIO) -> bytes:
-    """Return the header that belongs to the rest of a file."""
-    digest = hashlib.sha256()
-    size = file.seek(HEADER)
-    while block := file.read(1 << 20):
-        digest.update(block)
-        size += len(block)
-    text = f"{FORMAT} {VERSION}\nbytes {size}\nsha256 {digest.hexdigest()}\n"
+def _header_of(content: memoryview) -> bytes:
+    """Return the header that belongs to a file, whatever the one it has."""
+    digest = hashlib.sha256(content[HEADER:]).hexdigest()
+    text = f"{FORMAT} {VERSION}\nbytes {len(content)}\nsha256 {digest}\n"
     return text.encode().ljust(HEADER, b"\n")
 
 
-@contextlib.contextmanager
-def replacing(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that replaces ``path`` once it is complete and on the disk."""
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with open(part, "w+b") as file:
-            yield file
-            header = header_of(file)
-            file.seek(0)
-            file.write(header)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    with contextlib.suppress(OSError):  # some file systems cannot, and need not
-        os.fsync(folder)
-    os.close(folder)
-
-
-def hdf5_part(file: BinaryIO, mode: str, **options: int) -> Any:
-    """Open the HDF5 part of a file."""
+def _hdf5(file: io.BytesIO, mode: str, **options: int) -> Any:
+    """Open an HDF5 file in memory."""
     try:
         import h5py
     except ImportError as error:  # pragma: no cover - the image has it

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .errors import ContactInputError
+from .validators import integer, number, shown
 
 #: Factors of the step after a failure and after an easy step.
 CUT, GROW = 0.5, 1.5
@@ -16,6 +17,8 @@ CUT, GROW = 0.5, 1.5
 SHRINK_MOST, GROW_MOST, SAFETY = 0.1, 2.0, 0.9
 #: A step that would leave less than this fraction of itself to a stop goes to the stop.
 SLIVER = 1e-6
+#: Times that differ by this fraction of the largest are the same.
+ROUNDING = 1e-13
 #: The smallest step by default, as a fraction of the first.
 SMALLEST = 1e-3
 
@@ -42,11 +45,24 @@ class StepSize:
         error: float | None,
         easy: int,
     ) -> None:
-        self.next, self.tolerance, self._easy = step, error, easy
-        self.smallest = SMALLEST * step if smallest is None else smallest
-        self._largest = (step if error is None else end - start) if largest is None else largest
-        self._stops = [*sorted({t for t in stops if t < end}), end]
-        self._check(start, end, stops)
+        self._start, self._end = number(start, "start"), number(end, "end")
+        self.next = number(step, "step", above=0.0)
+        self.tolerance = None if error is None else number(error, "error", above=0.0)
+        self._easy = integer(easy, "easy", at_least=0)
+        self.smallest = SMALLEST * self.next
+        if smallest is not None:
+            self.smallest = number(smallest, "smallest", above=0.0)
+        # A path resumed near its end is shorter than its first step.
+        self._largest = self.next if error is None else max(self.next, self._end - self._start)
+        if largest is not None:
+            self._largest = number(largest, "largest", above=0.0)
+        self._rounding = ROUNDING * max(abs(self._start), abs(self._end))
+        self._check()
+        self._stops = self._inside(stops)
+
+    def is_over(self, time: float) -> bool:
+        """Tell whether a time is the end, but for rounding."""
+        return time >= self._end - self._rounding
 
     def goal(self, time: float) -> float:
         """Return where the step from a time ends: at the next stop, if it reaches so far."""
@@ -87,19 +103,34 @@ class StepSize:
             return most
         return float(np.clip(SAFETY * np.sqrt(self.tolerance / error), SHRINK_MOST, most))
 
-    def _check(self, start: float, end: float, stops: Sequence[float]) -> None:
-        """Refuse sizes and times that make no path."""
-        if not (np.isfinite([start, end]).all() and start < end):
-            raise ContactInputError(f"The path must go from start = {start} up, not {end}.")
-        if not 0.0 < self.smallest <= self.next <= self._largest:
+    def _check(self) -> None:
+        """Refuse sizes and times that make no path; one resumed at its end has no length."""
+        if self._start > self._end + self._rounding:
+            raise ContactInputError(
+                f"The path must go from start = {self._start} up to end, not down to {self._end}."
+            )
+        if not self.smallest <= self.next <= self._largest:
             raise ContactInputError(
                 f"Steps need 0 < smallest <= step <= largest, not {self.smallest}, "
                 f"{self.next}, {self._largest}."
             )
-        if outside := [t for t in stops if not start < t <= end]:
-            raise ContactInputError(f"The stops {outside} are not in ({start}, {end}].")
-        if self.tolerance is not None and not 0.0 < self.tolerance < float("inf"):
-            raise ContactInputError(f"error = {self.tolerance} must be positive and finite.")
+
+    def _inside(self, stops: Sequence[float]) -> list[float]:
+        """Return the stops between start and end, in order, and the end."""
+        if not isinstance(stops, list | tuple | np.ndarray):
+            raise ContactInputError(f"stops = {shown(stops)} must be a sequence of numbers.")
+        times = sorted(number(t, f"stops[{i}]") for i, t in enumerate(stops))
+        if times and times[-1] > self._end + self._rounding:
+            raise ContactInputError(
+                f"stops = {shown(stops)} must not go beyond the end, {self._end}: {times[-1]} does."
+            )
+        inside: list[float] = []
+        for t in [*times, self._end]:  # from behind, so that the end stays what it is
+            while inside and inside[-1] >= t - self._rounding:
+                inside.pop()
+            if t > self._start + self._rounding:
+                inside.append(t)
+        return inside
 
 
 def doubling_error(

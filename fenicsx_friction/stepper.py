@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Load stepping: adaptive, transactional, with error control, audit and event log."""
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
@@ -12,10 +12,11 @@ import numpy.typing as npt
 from dolfinx import fem
 from rich.console import Console
 
+from .callbacks import check_callable
 from .collective import on_all_ranks
 from .diagnosis import SMALLER_STEP, NodeWatch
 from .energy import EnergyAudit, EnergyBalance
-from .errors import StepFailed
+from .errors import ContactInputError, StepFailed
 from .events import EventLog, find_events
 from .problem import FrictionalContactProblem
 from .progress import step_progress
@@ -23,6 +24,7 @@ from .relaxation import ViscousRelaxation
 from .report import FailedAttempt, StepRecord, StepReport
 from .state import ProblemSnapshot
 from .step_size import StepSize, doubling_error
+from .validators import flag, instance, instances
 
 FAILURE_ADVICE = (
     "Smaller steps did not help. Where a body snaps or loses its hold there is no solution nearby: "
@@ -85,7 +87,15 @@ class LoadStepper:
             print(record.time, record.report.iterations)
 
     A step is cut when it fails or is not certified, and grows after easy ones. Nothing of a
-    rejected step remains: loads are set back by ``loads(time)``, all else bit for bit.
+    rejected step remains: loads are set back by ``loads(time)``, all else bit for bit. A path that
+    starts at its end has no steps, so that one script serves to begin and to resume::
+
+        file = Path("run.h5")
+        start = ff.read_checkpoint(file, problem)["time"] if file.exists() else 0.0
+        for record in LoadStepper(problem, loads, start=start, end=1.0, step=0.1, stops=[0.5]):
+            ff.write_checkpoint(file, problem, {"time": record.time})
+
+    An exception of ``loads`` or ``update`` on one rank is raised on all.
 
     Args:
         problem: The problem, in its state at ``start``.
@@ -95,8 +105,8 @@ class LoadStepper:
         start: Where it starts.
         step: Size of the first step.
         smallest: Smallest step to be tried after a cut; a thousandth of ``step`` by default.
-        largest: Largest step; by default ``step``, and with ``error`` the whole path.
-        stops: Times that steps must end at exactly, beside ``end``.
+        largest: Largest step; by default ``step``, and with ``error`` the whole path if longer.
+        stops: Times that steps must end at exactly, beside ``end``; those up to ``start`` are past.
         error: Control by step doubling: each step is made once whole and once in two halves, whose
             tractions may differ by this much, relative to the largest of the step. The halves are
             accepted.
@@ -111,6 +121,9 @@ class LoadStepper:
 
     Attributes:
         time: Where the last accepted step ended.
+
+    Raises:
+        ContactInputError: On all ranks, for an argument that cannot be.
     """
 
     def __init__(
@@ -129,17 +142,32 @@ class LoadStepper:
         history: Sequence[fem.Function] = (),
         update: Callable[[], None] | None = None,
         audit: EnergyAudit | None = None,
-        events: str | Path | None = None,
+        events: str | os.PathLike[str] | None = None,
         relaxation: ViscousRelaxation | None = None,
         progress: bool = True,
     ) -> None:
-        self.problem, self.loads, self.time, self.end = problem, loads, start, end
-        self._start = start
-        self._size = StepSize(start, end, step, smallest, largest, stops, error, easy)
-        self._history, self._update, self._audit = history, update, audit
+        instance(problem, FrictionalContactProblem, "problem", "a FrictionalContactProblem")
+        self._size = on_all_ranks(
+            problem.comm,
+            lambda: StepSize(start, end, step, smallest, largest, stops, error, easy),
+        )
+        check_callable(loads, "loads", "time")
+        if update is not None:
+            check_callable(update, "update")
+        if audit is not None:
+            instance(audit, EnergyAudit, "audit", "an EnergyAudit of the problem")
+            if audit._problem is not problem:
+                raise ContactInputError(
+                    f"audit = {audit!r} is one of another problem; give EnergyAudit(problem, ...)."
+                )
+        self.problem, self.loads, self.time, self.end = problem, loads, float(start), float(end)
+        self._start, self._update, self._audit = self.time, update, audit
+        self._history = instances(history, fem.Function, "history", "fem.Functions")
         self._relaxation = relaxation
         if relaxation is not None:
+            instance(relaxation, ViscousRelaxation, "relaxation", "a ViscousRelaxation(u)")
             relaxation.check(problem)
+        flag(progress, "progress")
         self._log = None if events is None else EventLog(events, problem)
         self._watch = NodeWatch(problem)
         self._solved: list[_Solved] = []
@@ -150,9 +178,10 @@ class LoadStepper:
         """Make steps up to the end and hand out their records."""
         bar = step_progress(self._console, self._start, self.end, shown=self._shown)
         with bar as show:
-            while self._solved or self.time < self.end:
+            while self._solved or not self._size.is_over(self.time):
                 if not self._solved:
-                    self._solved = self._solve()
+                    self._last = ProblemSnapshot(self.problem, self._history)
+                    self._solved = self._solve(self._last)
                 record = self._accept(self._solved.pop(0))
                 show(record)
                 yield record
@@ -168,9 +197,8 @@ class LoadStepper:
 
     # -- one step of the path ----------------------------------------------------------------
 
-    def _solve(self) -> list[_Solved]:
+    def _solve(self, last: ProblemSnapshot) -> list[_Solved]:
         """Try ever smaller steps; return the solved one, or its halves."""
-        last = ProblemSnapshot(self.problem, self._history)
         self._before = self.problem.accepted
         failed: tuple[FailedAttempt, ...] = ()
         while True:
@@ -180,7 +208,7 @@ class LoadStepper:
                 solved = self._attempt(goal, last)
             except StepFailed as failure:
                 failed += (FailedAttempt(goal, step, str(failure).split(";")[0]),)
-                self._go_back(last)
+                self._go_back(last, together=True)
                 if self._size.is_smallest(step):
                     if self._relaxation is None or isinstance(failure, _Inaccurate):
                         self._give_up(failure, failed)
@@ -219,14 +247,13 @@ class LoadStepper:
         self._apply(end)
         problem.dt.value = np.asarray(end - begin)
         settings = problem.settings
-        problem.settings = replace(settings, raise_on_uncertified=True)
         try:
+            problem.settings = replace(settings, raise_on_uncertified=True)
             with self._watch.watching():
                 report = problem.solve()
         finally:
             problem.settings = settings
-        if self._update is not None:
-            self._update()
+        self._updated()
         return _Solved(end, end - begin, report)
 
     def _relax(
@@ -238,8 +265,7 @@ class LoadStepper:
 
         def accepted() -> None:
             """Keep the increment, all of them for the audit."""
-            if self._update is not None:
-                self._update()
+            self._updated()
             if self._audit is None:
                 states.clear()
             states.append(ProblemSnapshot(self.problem, self._history))
@@ -250,7 +276,7 @@ class LoadStepper:
             with self._watch.watching():
                 report, increments = self._relaxation.settle(self.problem, accepted)
         except StepFailed as error:
-            self._go_back(last)
+            self._go_back(last, together=True)
             self._give_up(error, failed)
         except BaseException:
             self._go_back(last)
@@ -260,7 +286,14 @@ class LoadStepper:
 
     def _accept(self, solved: _Solved) -> StepRecord:
         """Put the problem at the end of a solved step, audit it and log its events."""
-        energy = self._audited(solved)
+        try:
+            energy = self._audited(solved)
+        except BaseException:
+            self._solved = []
+            self._go_back(self._last)
+            raise
+        if solved.states:
+            self._last = solved.states[-1]
         self.time = solved.time
         events = find_events(self.problem, self._before)
         self._before = self.problem.accepted
@@ -281,22 +314,42 @@ class LoadStepper:
         """Go through the increments of a solved step again, if it has several, and add them up."""
         if solved.states:
             self._apply(solved.time)
+        kept = None if self._audit is None else dict(vars(self._audit))
         balances = []
-        for state in solved.states or (None,):
-            if state is not None:
-                state.restore()
-            if self._audit is not None:
-                balances.append(self._audit.update())
+        try:
+            for state in solved.states or (None,):
+                if state is not None:
+                    state.restore()
+                if self._audit is not None:
+                    balances.append(self._audit.update())
+        except BaseException:
+            if self._audit is not None and kept is not None:
+                vars(self._audit).update(kept)
+            raise
         return None if self._audit is None else sum(balances[1:], balances[0])
 
     def _apply(self, time: float) -> None:
         """Set the loads; an exception on one rank is one on all."""
         on_all_ranks(self.problem.comm, lambda: self.loads(time))
 
-    def _go_back(self, last: ProblemSnapshot) -> None:
-        """Set everything back to the last accepted step; not collective but for the loads."""
+    def _updated(self) -> None:
+        """Let the user change the history; an exception on one rank is one on all."""
+        if self._update is not None:
+            on_all_ranks(self.problem.comm, self._update)
+
+    def _go_back(self, last: ProblemSnapshot, *, together: bool = False) -> None:
+        """Set everything back to the last accepted step.
+
+        Args:
+            last: That step.
+            together: Whether all ranks are here. Not so after Ctrl-C, which may have come on one
+                rank only: nothing is collective then.
+        """
         try:
-            self.loads(self.time)
+            if together:
+                self._apply(self.time)
+            else:
+                self.loads(self.time)
         finally:
             last.restore()
 

@@ -17,13 +17,13 @@ from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assign
 from ufl.core.expr import Expr
 
-from .callbacks import Callbacks
 from .compat import jacobian_blocks
 from .compilation import NonlinearProblem, compiled
 from .coupled_solver import CoupledCallbacks
 from .coupling import Coupling
 from .errors import ContactInputError
 from .forces import ForceScales
+from .snes_callbacks import Callbacks
 
 if TYPE_CHECKING:
     from .contact import Contact

@@ -2,12 +2,14 @@
 
 mpirun -n 3 python3 restart_run.py ranks FOLDER
 mpirun -n 2 python3 restart_run.py resume FOLDER RUN
-python3 restart_run.py kill FOLDER
+python3 restart_run.py kill|writers|full|kill_path FOLDER
 """
 
 import faulthandler
+import itertools
 import os
 import random
+import resource
 import signal
 import sys
 import time
@@ -17,6 +19,7 @@ from types import SimpleNamespace
 from mpi4py import MPI
 
 import basix.ufl
+import h5py
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
@@ -227,45 +230,173 @@ def resume(folder, name):
         np.savez(folder / f"{name}-{problem.comm.size}.npz", x=x, c=c, u=u)
 
 
-def kill(folder):
-    """Kill writers at random moments; the file is complete each time."""
-    problem = bare(square(MPI.COMM_SELF, 60), [("Lagrange", 2, (2,))], (1,))
+def marked(n=60):
+    """Return a problem of one contact and what writes it with all values equal to a number."""
+    problem = bare(square(MPI.COMM_SELF, n), [("Lagrange", 2, (2,))], (1,))
     functions = [*problem.unknowns, problem.u_old, problem.contacts[0].c]
-    path, number = folder / "killed.h5", 0
-    part = path.with_name(f".{path.name}.part")
 
-    def write(k):
+    def write(path, k):
         problem.num_steps = k
         for f in functions:
             f.x.array[:] = k
         write_checkpoint(path, problem, {"k": k})
 
+    def read(path):
+        found = read_checkpoint(path, problem)["k"]
+        assert found == problem.num_steps
+        assert all(np.all(f.x.array == found) for f in functions)
+        return int(found)
+
+    return write, read
+
+
+def parts(path):
+    return list(path.parent.glob(f".{path.name}.*"))
+
+
+def child(work):
+    """Fork; do the work in the child and end it."""
+    if (pid := os.fork()) == 0:
+        work()
+        os._exit(0)
+    return pid
+
+
+def kill(folder):
+    """Kill writers at random moments; the file is complete each time."""
+    path, number, during = folder / "killed.h5", 0, 0
+    write, read = marked()
     start = time.perf_counter()
     for k in range(3):
-        write(k)
+        write(path, k)
     duration = (time.perf_counter() - start) / 3
     random.seed(1)
-    during = 0
-    for _ in range(40):
-        child = os.fork()
-        if child == 0:
-            while True:
-                number += 1
-                write(number)
+
+    def work():
+        for k in itertools.count(number + 1):
+            write(path, k)
+
+    for k in range(40):
+        pid = child(work)
         time.sleep(random.uniform(0.2, 3.0) * duration)
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        during += part.exists()
-        found = read_checkpoint(path, problem)["k"]
-        assert found == problem.num_steps >= number
-        assert all(np.all(f.x.array == found) for f in functions)
-        number = int(found)
-    write(number + 1)
-    assert not part.exists()
+        while k % 4 == 0 and not parts(path):  # every fourth one while it writes to the disk
+            pass
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+        during += len(parts(path)) > 0
+        assert len(parts(path)) <= 1  # the next write removes what a killed one left
+        found = read(path)
+        assert found >= number
+        number = found
+    write(path, number + 1)
+    assert not parts(path)
     print("killed during writing:", during, "last:", number, "seconds a write:", duration)
     assert during >= 5
 
 
+def writers(folder):
+    """Two processes write one file 100 times each, a third reads it; a link is in the way."""
+    path, reads = folder / "shared.h5", 0
+    write, read = marked(12)
+    write(path, 0)
+    victim = folder / "victim"
+    victim.write_text("not to be touched")
+    path.with_name(f".{path.name}.part").symlink_to(victim)
+    children = [child(lambda n=n: [write(path, n + k) for k in range(100)]) for n in (0, 1000)]
+    while children:
+        read(path)
+        reads += 1
+        for pid in list(children):
+            ended, status = os.waitpid(pid, os.WNOHANG)
+            if ended:
+                assert status == 0
+                children.remove(pid)
+    assert read(path) in (99, 1099)
+    assert victim.read_text() == "not to be touched"
+    assert [p.name for p in parts(path)] == [f".{path.name}.part"]
+    print("reads:", reads, "broken: 0")
+
+
+def full(folder):
+    """Write again and again beyond the largest size of a file: no room, as on a full disk."""
+    path, refused = folder / "full.h5", 0
+    write, read = marked(20)
+    write(path, 1)
+    size = path.stat().st_size
+    for k in range(15):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (k * size // 15, resource.RLIM_INFINITY))
+        try:
+            write(path, 2)
+        except ff.CheckpointError as error:
+            refused += "was not written: OSError" in str(error)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+        assert read(path) == 1
+        assert not parts(path)
+    write(path, 3)
+    assert read(path) == 3
+    print("refused:", refused, "of 15")
+
+
+def path_run(model, folder):
+    """Go on along a path of 31 steps from where the checkpoint is, with event log and history."""
+    V = model.problem.u.function_space
+    sums = fem.Function(V)
+    file, start = folder / "path.h5", 0.0
+    if file.exists():
+        start = read_checkpoint(file, model.problem, history=[sums])["time"]
+
+    def update():
+        sums.x.array[:] += model.problem.u.x.array
+
+    stepper = ff.LoadStepper(
+        model.problem,
+        lambda t: model.load(2.0 * np.sin(t) ** 2, 0.5 + 0.1 * t),
+        start=start,
+        end=3.0,
+        step=0.1,
+        stops=[0.25, 1.0],
+        history=[sums],
+        update=update,
+        events=folder / "events.csv",
+        progress=False,
+    )
+    for record in stepper:
+        write_checkpoint(file, model.problem, {"time": record.time}, history=[sums])
+    return model.problem.num_steps, model.problem.u.x.array.copy(), sums.x.array.copy()
+
+
+def kill_path(folder):
+    """Kill a run 20 times at random moments, resume it; it ends as the one that was not killed."""
+    models = []
+    for name in ("whole", "killed", "last"):
+        (folder / name).mkdir()
+        models.append(raous(4, 4, 0.5, f"kill_{name}_", comm=MPI.COMM_SELF))
+    start = time.perf_counter()
+    steps, *whole = path_run(models[0], folder / "whole")
+    duration = time.perf_counter() - start
+    random.seed(2)
+    kills, middle = 0, 0
+    while kills < 20:
+        pid = child(lambda: path_run(models[1], folder / "killed"))
+        time.sleep(random.uniform(0.0, 0.3) * duration)
+        os.kill(pid, signal.SIGKILL)
+        kills += os.WIFSIGNALED(os.waitpid(pid, 0)[1])
+        if (file := folder / "killed" / "path.h5").exists():
+            with h5py.File(file) as h5:
+                middle += 0 < h5["numbers"].attrs["num_steps"] < steps
+    assert middle >= 3
+    for _ in range(2):  # the second time from the end
+        number, *killed = path_run(models[2], folder / "killed")
+        assert number == steps
+        for a, b in zip(killed, whole, strict=True):
+            assert np.max(abs(a - b)) <= 1e-12 * np.max(abs(b))
+        logs = [(folder / name / "events.csv").read_text() for name in ("whole", "killed")]
+        assert logs[0] == logs[1]
+    assert logs[0].count("\n") > 10
+    print("kills:", kills, "with a checkpoint on the way:", middle, "seconds a run:", duration)
+
+
 if __name__ == "__main__":
     faulthandler.dump_traceback_later(1500, exit=True)
-    {"ranks": ranks, "resume": resume, "kill": kill}[sys.argv[1]](Path(sys.argv[2]), *sys.argv[3:])
+    works = (ranks, resume, kill, writers, full, kill_path)
+    {work.__name__: work for work in works}[sys.argv[1]](Path(sys.argv[2]), *sys.argv[3:])

@@ -1,5 +1,7 @@
 """Viscous relaxation: an arch under a growing load snaps through and lands on a floor."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 import ufl
@@ -37,7 +39,7 @@ def arch(comm, prefix, mu):
         contact=ff.Contact(
             ff.ContactSurface(msh, tags, 1, "arch"),
             ff.RigidPlane((0.0, -FLOOR), (0.0, 1.0)),
-            ff.Coulomb(mu),
+            mu if isinstance(mu, ff.FrictionLaw) else ff.Coulomb(mu),
         ),
         bcs=[fem.dirichletbc(fem.Function(V), held)],
         petsc_options_prefix=prefix,
@@ -51,6 +53,43 @@ def path(loads, problem, **options):
     return ff.LoadStepper(
         problem, loads, end=LOAD, step=LOAD / 10, smallest=LOAD / 40, progress=False, **options
     )
+
+
+class Film(ff.Coulomb):
+    """Friction that grows with the slip rate."""
+
+    def limit(self, pressure, sliding):
+        return (0.1 + 0.5 * sliding.rate) * pressure
+
+
+@pytest.mark.mpi
+def test_the_times_of_the_increments_add_up_to_the_step(comm):
+    """A law that depends on the slip rate sees slip over time in each of them."""
+    problem, _, _, relaxation, loads = arch(comm, "rates_", Film(0.0))
+    seen = []
+
+    def update():
+        (state,) = problem.accepted
+        seen.append((problem.num_steps, float(problem.dt.value), state))
+
+    records = path(loads, problem, relaxation=relaxation, update=update).run()
+    snap = next(r for r in records if r.relaxed)
+    dts = [dt for k, dt, _ in seen if snap.report.step - snap.relaxed < k <= snap.report.step]
+    n = snap.relaxed
+    assert n > 2
+    assert len(dts) == n
+    assert sum(dts) == pytest.approx(snap.step, rel=1e-13)
+    assert dts[:-1] == pytest.approx([snap.step / (k * (k + 1)) for k in range(1, n)], rel=1e-12)
+    assert dts[-1] == pytest.approx(snap.step / n, rel=1e-12)
+    for record in (r for r in records if not r.relaxed):
+        assert (record.report.step, record.step) in [(k, dt) for k, dt, _ in seen]
+    slipped = 0.0
+    for _, dt, state in seen:
+        rate = np.linalg.norm(state.slip, axis=1) / dt
+        pressure = np.maximum(state.c[:, 0] - state.r * state.gap, 0.0)
+        assert state.limit == pytest.approx((0.1 + 0.5 * rate) * pressure, rel=1e-9, abs=1e-9)
+        slipped = max(slipped, np.max(rate[pressure > 0.0], initial=0.0))
+    assert comm.allreduce(slipped, MPI.MAX) > 0.0
 
 
 @pytest.mark.mpi
@@ -101,8 +140,11 @@ def test_a_snap_without_end_is_reported(comm, monkeypatch):
     monkeypatch.setattr("fenicsx_friction.relaxation.MAX_INCREMENTS", 1)
     problem, _, _, relaxation, loads = arch(comm, "endless_", 0.3)
     stepper = path(loads, problem, relaxation=relaxation)
+    dts = []
     with pytest.raises(ff.StepperFailed):
-        stepper.run()
+        for record in stepper:
+            dts.append(record.step)
+    assert float(problem.dt.value) == dts[-1]
     assert relaxation.damping.value == 0.0
     assert problem.u.x.array == pytest.approx(problem.u_old.x.array, abs=0.0)
     assert problem.certify().certified

@@ -149,13 +149,10 @@ def test_steps_grow_when_easy_and_not_beyond_the_largest():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"end": 0.0}, "path"),
-        ({"end": float("nan")}, "path"),
-        ({"step": -0.1}, "smallest <= step"),
+        ({"end": -1.0}, "path"),
         ({"largest": 0.01}, "smallest <= step"),
         ({"smallest": 0.2}, "smallest <= step"),
-        ({"stops": [0.5, 2.0]}, r"\[2.0\]"),
-        ({"error": 0.0}, "error"),
+        ({"stops": [0.5, 2.0]}, r"\[0.5, 2.0\] must not go beyond the end, 1.0: 2.0 does"),
     ],
 )
 def test_impossible_paths_are_refused(arguments, message):
@@ -499,15 +496,6 @@ def test_a_later_stepper_continues_the_event_log(tmp_path):
     assert [line.split(",")[0] for line in lines[1:]] == [
         str(k) for k in (1, 2, 3, 4) for _ in "6nodes"
     ]
-
-
-@pytest.mark.mpi
-def test_an_event_log_that_cannot_be_written_fails_on_all_ranks(tmp_path):
-    model = raous(2, 2, 0.5, "nowhere_")
-    with pytest.raises(FileNotFoundError):
-        LoadStepper(
-            model.problem, lambda t: None, end=1.0, step=1.0, events=tmp_path / "no" / "e.csv"
-        )
 
 
 @pytest.mark.parametrize("shown", [True, False])
