@@ -13,11 +13,11 @@ from dolfinx.fem.petsc import assemble_matrix
 from dolfinx.la import InsertMode
 from ufl.core.expr import Expr
 
-from . import step
+from . import checks, step
 from .certificate import OPEN, SLIP, STICK, Certificate, NodalState, certify
-from .checks import check_problem
 from .conditions import constrained_dofs, with_conditions
 from .contact import Contact
+from .contact_checks import check_normals
 from .coupling import Coupling
 from .errors import ContactInputError
 from .measures import share_facet_data
@@ -64,18 +64,17 @@ class FrictionalContactProblem:
         *,
         contact: Contact | Sequence[Contact],
         petsc_options_prefix: str,
-        bcs: Sequence[fem.DirichletBC] | None = None,
+        bcs: fem.DirichletBC | Sequence[fem.DirichletBC] | None = None,
         petsc_options: Mapping[str, object] | None = None,
         entity_maps: Sequence[mesh.EntityMap] | None = None,
         settings: StepSettings | None = None,
     ) -> None:
-        blocks = [F] if isinstance(F, ufl.Form) else list(F)
-        self.unknowns = [u] if isinstance(u, fem.Function) else list(u)
-        self.contacts = [contact] if isinstance(contact, Contact) else list(contact)
-        self.settings = settings or StepSettings()
-        self.bcs = list(bcs or [])
+        blocks, self.unknowns = checks.residuals(F), checks.functions(u)
+        self.contacts, self.bcs = checks.contacts_of(contact), checks.conditions(bcs)
+        self.settings = checks.settings_of(settings)
+        options = (petsc_options_prefix, petsc_options, entity_maps)
+        checks.check_problem(blocks, self.unknowns, self.contacts, self.bcs, *options)
         self.u = self.unknowns[0]
-        check_problem(blocks, self.unknowns, self.contacts, petsc_options_prefix)
         V = self.u.function_space
         self.comm: MPI.Intracomm = V.mesh.comm
         self.u_old = fem.Function(V, name="u_old")
@@ -265,6 +264,7 @@ class FrictionalContactProblem:
         self._pins: list[fem.DirichletBC] = []
         for k in self.contacts:
             k.bind(self.u, self.u_old, self.dt, self.settings.normal)
+            check_normals(k)
             k.set_scale(diagonal)
             self._pins += k.pin_prescribed(V, self.bcs)
         lowest = min(np.min(k.r.x.array, initial=np.inf) for k in self.contacts)
