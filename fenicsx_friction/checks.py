@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import ufl
 from dolfinx import fem, mesh
 from ufl.algorithms import expand_derivatives
-from ufl.algorithms.check_arities import check_form_arity
+from ufl.algorithms.check_arities import ArityMismatch, check_form_arity
 from ufl.algorithms.remove_complex_nodes import remove_complex_nodes
 
 from .cells import check_cells
@@ -128,6 +128,6 @@ def _check_residual(block: ufl.Form, unknown: fem.Function, maps: Sequence[mesh.
         check_terminals(integral.integrand(), [msh, *related], "F")
     try:
         check_form_arity(remove_complex_nodes(expand_derivatives(block)), arguments)
-    except Exception as error:
+    except (Exception, ArityMismatch) as error:
         message = f"F is not linear in its test function, or cannot be differentiated: {error}"
         raise ContactInputError(message) from error

@@ -15,6 +15,7 @@ from ufl.core.expr import Expr
 from . import frame, laws
 from .certificate import OPEN, NodalState
 from .conditions import constrained
+from .domains import not_finite
 from .errors import ContactInputError
 from .friction import FrictionLaw, Sliding
 from .kinematics import Obstacle
@@ -234,13 +235,12 @@ class Contact:
             for x, value in zip(self.surface.x, limit, strict=True)
             if not 0.0 <= value < np.inf
         ]
-        # The collocation makes the neighbours of an infinite value nan: name that one first.
-        bad.sort(key=lambda text: text.startswith("nan"))
-        found = sorted(self.surface.mesh.comm.allgather(bad), key=lambda b: "nan" in "".join(b[:1]))
-        if any(found):
+        found = [part for part in self.surface.mesh.comm.allgather(bad) if part]
+        if found:
+            holding = not_finite(self.friction.limit(ufl.as_ufl(1.0), self.sliding))
             raise ContactInputError(
                 f"Contact '{self.surface.name}': the friction limit at unit pressure (mu) must be "
-                f">= 0 and finite at every contact node; it is {next(b[0] for b in found if b)}."
+                f">= 0 and finite at every contact node; it is {found[0][0]}{holding}."
             )
 
     # -- the slip corrector of the paper -----------------------------------------------------

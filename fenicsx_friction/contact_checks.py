@@ -16,8 +16,9 @@ from .domains import check_terminals
 from .errors import ContactInputError
 from .friction import FrictionLaw, Sliding
 from .obstacles import RigidObstacle
+from .search import SearchPolicy
 from .surface import ContactSurface
-from .validators import call
+from .validators import call, instance
 
 
 def check_contact(contact: Contact, u: fem.Function) -> None:
@@ -26,6 +27,9 @@ def check_contact(contact: Contact, u: fem.Function) -> None:
     if surface.mesh is not msh:
         raise ContactInputError(f"Contact surface '{surface.name}' lies on another mesh than u.")
     if isinstance(obstacle, DeformableObstacle):
+        cure = "a ContactSurface of the other body"
+        instance(obstacle.primary, ContactSurface, "primary of a DeformableObstacle", cure)
+        instance(obstacle.policy, SearchPolicy, "search of a DeformableObstacle", "a SearchPolicy")
         _check_primary(surface, obstacle.primary)
     if obstacle.motion is not None and obstacle.motion.mesh is not msh:
         raise ContactInputError(

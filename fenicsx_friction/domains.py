@@ -4,6 +4,7 @@
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import fem
 from ufl.algorithms import extract_coefficients
@@ -39,6 +40,19 @@ def check_terminals(expression: Expr, allowed: Iterable[object], what: str) -> N
             domain: Any = extract_unique_domain(part)
             if (cargo := domain.ufl_cargo()) is not None:
                 _check_mesh(cargo, allowed, f"{what} contains {part}")
+
+
+def not_finite(expression: Expr) -> str:
+    """Return words on the first Function in it with an infinite value or nan; collective.
+
+    The value at a node is a sum over nodes, in which an infinite one reads as nan.
+    """
+    for f in extract_coefficients(expression):
+        values = f.x.array[~np.isfinite(f.x.array)].tolist()
+        found = [v for part in f.function_space.mesh.comm.allgather(values) for v in part]
+        if found:
+            return f", where or beside which the Function {f.name} is {found[0]:g}"
+    return ""
 
 
 def _check_mesh(msh: object, allowed: Iterable[object], what: str) -> None:

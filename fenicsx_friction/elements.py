@@ -19,9 +19,9 @@ WORKS = (
 )
 
 
-def check_mesh(msh: object) -> mesh.Mesh:
+def check_mesh(msh: Any) -> mesh.Mesh:
     """Return the mesh if contact can be solved on it, or raise a ContactInputError."""
-    msh = instance(msh, mesh.Mesh, "The mesh", "a dolfinx.mesh.Mesh")
+    instance(msh, mesh.Mesh, "The mesh", "a dolfinx.mesh.Mesh")
     tdim, gdim = msh.topology.dim, msh.geometry.dim
     kinds = [cell.name for cell in msh.topology.entity_types[tdim]]
     if len(kinds) != 1 or kinds[0] not in CELLS:

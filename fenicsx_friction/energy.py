@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from mpi4py import MPI
 
@@ -120,10 +121,10 @@ class EnergyAudit:
 
 
 def _check_form(
-    problem: FrictionalContactProblem, form: object, name: str, rank: int, cure: str
+    problem: FrictionalContactProblem, form: Any, name: str, rank: int, cure: str
 ) -> None:
     """Raise a ContactInputError unless a form has a rank and belongs to the problem's mesh."""
-    form = instance(form, ufl.Form, name, f"{cure}, as a UFL form")
+    instance(form, ufl.Form, name, f"{cure}, as a UFL form")
     V, arguments = problem.u.function_space, form.arguments()
     if len(arguments) != rank or any(a.ufl_function_space() != V for a in arguments):
         raise ContactInputError(
