@@ -77,7 +77,7 @@ def _folded(msh: mesh.Mesh, centers: Array) -> npt.NDArray[np.bool_]:
     cells = msh.topology.connectivity(tdim - 1, tdim)
     interior = np.flatnonzero(np.diff(cells.offsets) == 2).astype(np.int32)
     pairs = cells.array[cells.offsets[interior][:, None] + np.arange(2)]
-    nodes = mesh.entities_to_geometry(msh, tdim - 1, interior).reshape(len(interior), -1)
+    nodes = mesh.entities_to_geometry(msh, tdim - 1, interior)
     x = np.ascontiguousarray(msh.geometry.x[nodes, :tdim].transpose(1, 2, 0))
     normal = _facet_normals(x)
     middle = x.mean(axis=0)

@@ -50,7 +50,8 @@ def check_normals(contact: Contact) -> None:
     surface = contact.surface
     if not isinstance(contact.obstacle, RigidObstacle):
         return
-    bad = surface.x[~np.isfinite(contact.evaluator(contact.kinematics.normal)()).all(axis=1)]
+    normals = contact.evaluator(contact.kinematics.normal)()
+    bad = surface.x[surface.sources(~np.isfinite(normals).all(axis=1))]
     found = [part for part in surface.mesh.comm.allgather(bad.tolist()) if part]
     if found:
         where = ", ".join(f"{value:.6g}" for value in found[0][0])

@@ -102,6 +102,22 @@ class ContactSurface:
         """Return an object that evaluates a UFL expression at the contact nodes."""
         return NodalExpression(self, expression)
 
+    def sources(self, bad: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Tell which owned nodes are bad by themselves, if values are not finite; collective.
+
+        The evaluator sums over facets, so that the neighbours of such a node get ``nan``, too. But
+        they have other facets that are not bad as a whole.
+        """
+        flags = fem.Function(self.S)
+        flags.x.array[: self.num_owned] = bad
+        flags.x.scatter_forward()
+        facets = self.S.dofmap.list
+        sound = np.zeros(len(flags.x.array), dtype=bool)
+        sound[facets[np.min(flags.x.array[facets], axis=1) < 0.5]] = True
+        found = bad & ~sound[: self.num_owned]
+        anywhere = self.mesh.comm.allreduce(bool(np.any(found)), MPI.LOR)
+        return np.asarray(found if anywhere else bad)
+
     def _assemble(self, form: ufl.Form, space: fem.FunctionSpace) -> npt.NDArray[np.floating]:
         """Assemble a linear form on the submesh; return owned and ghost values."""
         vector = fem.assemble_vector(fem.form(form, entity_maps=[self.entity_map]))
