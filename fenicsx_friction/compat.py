@@ -47,6 +47,17 @@ def jacobian_blocks(forms: Sequence[ufl.Form], unknowns: Sequence[fem.Function])
     return [[None if isinstance(J, ufl.ZeroBaseForm) else J for J in row] for row in blocks]
 
 
+def same_topology(a: Any, b: Any) -> bool:
+    """Tell whether two objects (meshes, tags, topologies) are of one topology."""
+    return _cpp_topology(a) is _cpp_topology(b)
+
+
+def _cpp_topology(owner: Any) -> Any:
+    """Return the C++ topology of a mesh, of tags, or of a topology's wrapper."""
+    topology = getattr(owner, "topology", owner)
+    return getattr(topology, "_cpp_object", topology)
+
+
 def bc_space_contains(V: fem.FunctionSpace, bc: fem.DirichletBC) -> bool:
     """Tell whether ``bc`` constrains ``V`` or one of its subspaces."""
     return bool(V._cpp_object.contains(bc._cpp_object.function_space))
@@ -61,5 +72,6 @@ __all__ = [
     "bc_space_contains",
     "exterior_facet_entities",
     "jacobian_blocks",
+    "same_topology",
     "unrolled_bc_dofs",
 ]

@@ -8,6 +8,30 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from .compat import bc_space_contains, unrolled_bc_dofs
+from .errors import ContactInputError
+
+
+def check_conditions(unknowns: Sequence[fem.Function], bcs: Sequence[fem.DirichletBC]) -> None:
+    """Raise a ContactInputError if a condition holds nothing; collective.
+
+    A condition may have no dofs on some ranks, but not on all.
+    """
+    for i, bc in enumerate(bcs):
+        if not any(bc_space_contains(u.function_space, bc) for u in unknowns):
+            raise ContactInputError(
+                f"bcs[{i}] is on a space that is none of the unknowns', nor a part of one: it "
+                "would be ignored. Make it on u.function_space itself (an equal space made again "
+                "or a collapsed part is another), for one component on u.function_space.sub(k)."
+            )
+    counts = unknowns[0].function_space.mesh.comm.allgather([len(unrolled_bc_dofs(b)) for b in bcs])
+    if len({len(count) for count in counts}) > 1:
+        raise ContactInputError("bcs has different lengths on the ranks; give all on each rank.")
+    for i, total in enumerate(np.sum(counts, axis=0) if bcs else []):
+        if total == 0:
+            raise ContactInputError(
+                f"bcs[{i}] has no dofs on any rank, so that it holds nothing; check where its dofs "
+                "were located."
+            )
 
 
 def constrained_dofs(V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> npt.NDArray[np.int32]:

@@ -14,10 +14,12 @@ from ufl.core.expr import Expr
 
 from . import frame, laws
 from .certificate import OPEN, NodalState
+from .domains import not_finite
 from .errors import ContactInputError
 from .friction import FrictionLaw, Sliding
 from .kinematics import Obstacle
 from .surface import ContactSurface
+from .validators import instance, number
 
 #: A node with slip rows this fraction outside the cone is at a false root.
 FALSE_ROOT = 1e-6
@@ -62,8 +64,11 @@ class Contact:
         *,
         r_p: float | None = None,
     ) -> None:
-        if r_p is not None and not 0.0 < r_p < float("inf"):
-            raise ContactInputError(f"r_p = {r_p} must be positive and finite (Pa/m).")
+        instance(surface, ContactSurface, "surface", "a ContactSurface(mesh, facet_tags, tag)")
+        instance(obstacle, Obstacle, "obstacle", "RigidPlane(point, normal) or another obstacle")
+        instance(friction, FrictionLaw, "friction", "a law such as Coulomb(0.3)")
+        if r_p is not None:
+            number(r_p, "r_p (Pa/m)", above=0.0)
         # Contacts of one surface need spaces of their own: conditions go by space, and what one
         # contact pins would be pinned in all.
         surface = copy.copy(surface)
@@ -254,13 +259,14 @@ class Contact:
         bad = [
             f"{value:g} at ({', '.join(f'{xi:.6g}' for xi in x)})"
             for x, value in zip(self.surface.x, limit, strict=True)
-            if not value >= 0.0
+            if not 0.0 <= value < np.inf
         ]
-        found = self.surface.mesh.comm.allgather(bad)
-        if any(found):
+        found = [part for part in self.surface.mesh.comm.allgather(bad) if part]
+        if found:
+            holding = not_finite(self.friction.limit(ufl.as_ufl(1.0), self.sliding))
             raise ContactInputError(
                 f"Contact '{self.surface.name}': the friction limit at unit pressure (mu) must be "
-                f">= 0 at every contact node; it is {next(b[0] for b in found if b)}."
+                f">= 0 and finite at every contact node; it is {found[0][0]}{holding}."
             )
 
     # -- the slip corrector of the paper -----------------------------------------------------

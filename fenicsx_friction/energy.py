@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from mpi4py import MPI
 
@@ -13,7 +14,10 @@ import ufl
 from dolfinx import fem
 
 from .compilation import compiled
+from .domains import check_terminals
+from .errors import ContactInputError
 from .problem import FrictionalContactProblem, assemble_owned
+from .validators import instance
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,12 @@ class EnergyAudit:
     def __init__(
         self, problem: FrictionalContactProblem, stored: ufl.Form, loads: ufl.Form | None = None
     ) -> None:
+        instance(problem, FrictionalContactProblem, "problem", "a FrictionalContactProblem")
+        _check_form(problem, stored, "stored", 0, "the stored energy, a functional")
+        if loads is not None:
+            _check_form(
+                problem, loads, "loads", 1, "the work of the loads, linear in a test function"
+            )
         self._problem = problem
         form = compiled(fem.form, problem.comm)
         self._stored = form(stored)
@@ -110,3 +120,18 @@ class EnergyAudit:
         if self._loads is not None:
             forces += assemble_owned(self._loads)
         return energy, forces, contact
+
+
+def _check_form(
+    problem: FrictionalContactProblem, form: Any, name: str, rank: int, cure: str
+) -> None:
+    """Raise a ContactInputError unless a form has a rank and belongs to the problem's mesh."""
+    instance(form, ufl.Form, name, f"{cure}, as a UFL form")
+    V, arguments = problem.u.function_space, form.arguments()
+    if len(arguments) != rank or any(a.ufl_function_space() != V for a in arguments):
+        raise ContactInputError(
+            f"{name} is a form with {len(arguments)} test functions, or of another space than u's; "
+            f"give {cure}."
+        )
+    for integral in form.integrals():
+        check_terminals(integral.integrand(), [V.mesh], name)

@@ -21,6 +21,7 @@ from .errors import ContactInputError
 from .friction import Coulomb
 from .problem import FrictionalContactProblem
 from .soclcp import Increment, solve_increment
+from .validators import instance
 
 Array = npt.NDArray[np.floating]
 #: The bulk counts as linear if its residual is that close to ``K u - b``, relative.
@@ -62,6 +63,7 @@ class ExactReference:
     """
 
     def __init__(self, problem: FrictionalContactProblem) -> None:
+        instance(problem, FrictionalContactProblem, "problem", "a FrictionalContactProblem")
         if problem.comm.size > 1:
             raise ContactInputError("The exact reference is serial; build it on MPI.COMM_SELF.")
         if len(problem.contacts) != 1 or len(problem.unknowns) != 1:

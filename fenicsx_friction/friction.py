@@ -4,15 +4,15 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import numpy as np
 import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
 from . import laws
 from .errors import ContactInputError
+from .validators import call, kind, number, shown, vector
 
 #: The limit of permanent stick (Pa): beyond any traction, and a number that UFL can multiply.
 UNLIMITED = 1e300
@@ -106,17 +106,17 @@ class Coulomb(FrictionLaw):
 
     def __post_init__(self) -> None:
         """Check the coefficients as far as their values are known."""
-        if not callable(self.mu) or isinstance(self.mu, Expr):
-            _check(self.mu, "friction coefficient mu")
-        _check(self.adhesion, "adhesion")
+        if not _is_function(self.mu):
+            _check(self.mu, "The friction coefficient mu", " or a function mu(pressure, sliding)")
+        _check(self.adhesion, "The adhesion")
         if self.cap is not None:
-            _check(self.cap, "cap")
+            _check(self.cap, "The cap")
 
     def limit(self, pressure: Expr, sliding: Sliding) -> Expr:
         """Return ``min(adhesion + mu * pressure, cap)``."""
-        mu = self.mu
-        if callable(mu) and not isinstance(mu, Expr):
-            mu = mu(pressure, sliding)
+        mu: Any = self.mu
+        if _is_function(mu):
+            mu = call(mu, "The friction coefficient mu(pressure, sliding)", pressure, sliding)
         limit = ufl.as_ufl(self.adhesion) + ufl.as_ufl(mu) * pressure
         return limit if self.cap is None else ufl.min_value(limit, ufl.as_ufl(self.cap))
 
@@ -135,11 +135,13 @@ class OrthotropicCoulomb(FrictionLaw):
 
     def __post_init__(self) -> None:
         """Check the coefficients."""
-        for value in self.mu:
-            _check(value, "friction coefficient mu")
-        if min(self.mu) <= 0.0 or not np.linalg.norm(self.axis) > 0.0 or len(self.axis) != 3:
+        coefficients = vector(self.mu, "The orthotropic friction coefficients mu", dimension=2)
+        for value in coefficients:
+            number(value, "The orthotropic friction coefficient mu", above=0.0)
+        if not vector(self.axis, "The axis of orthotropic friction", dimension=3).any():
             raise ContactInputError(
-                f"Orthotropic friction needs mu > 0 and an axis in 3D, not {self.mu}, {self.axis}."
+                f"The axis of orthotropic friction {self.axis} has no direction; give a vector "
+                "that is not zero."
             )
 
     def limit(self, pressure: Expr, sliding: Sliding) -> Expr:
@@ -148,19 +150,34 @@ class OrthotropicCoulomb(FrictionLaw):
 
     def metric(self, sliding: Sliding) -> Expr:
         """Return ``mu_1 d d + mu_2 (1 - d d)`` with the axis ``d`` in the frame."""
-        axis = ufl.as_vector(list(self.axis))
+        if len(sliding.tangents) != 2:
+            raise ContactInputError(
+                "OrthotropicCoulomb is friction in 3D; in 2D there is one direction: use Coulomb."
+            )
+        axis = ufl.as_vector([float(value) for value in self.axis])
         d = laws.direction(ufl.as_vector([ufl.dot(axis, e) for e in sliding.tangents]))
         along = ufl.outer(d, d)
-        return self.mu[0] * along + self.mu[1] * (ufl.Identity(2) - along)
+        return float(self.mu[0]) * along + float(self.mu[1]) * (ufl.Identity(2) - along)
 
 
-def _check(value: float | Expr, what: str) -> None:
-    """Raise unless a coefficient whose value is known is finite and not negative."""
-    if isinstance(value, fem.Constant):
-        value = float(value.value)
-    elif isinstance(value, Expr):
+def _is_function(value: object) -> bool:
+    """Tell whether a coefficient is a function of pressure and sliding."""
+    return callable(value) and not isinstance(value, Expr | type)
+
+
+def _check(value: object, what: str, or_else: str = "") -> None:
+    """Raise unless a coefficient is scalar and, where its value is known, finite and ``>= 0``."""
+    if isinstance(value, Expr):
         if value.ufl_shape != ():
-            raise ContactInputError(f"The {what} must be scalar, its shape is {value.ufl_shape}.")
-        return
-    if not 0.0 <= float(value) < float("inf"):
-        raise ContactInputError(f"The {what} = {value} must be >= 0 and finite.")
+            raise ContactInputError(
+                f"{what} must be scalar, its shape is {value.ufl_shape}; give one component."
+            )
+        if not isinstance(value, fem.Constant):
+            return
+        value = value.value[()]
+    elif isinstance(value, str | type | list | tuple | dict | None):
+        raise ContactInputError(
+            f"{what} = {shown(value)} is {kind(value)}; give a number, fem.Constant, fem.Function, "
+            f"scalar UFL expression{or_else}."
+        )
+    number(value, what, at_least=0.0)

@@ -15,6 +15,7 @@ from .certificate import OPEN, SLIP, STICK
 from .contact import Contact
 from .problem import FrictionalContactProblem, assemble_owned
 from .substep import Substep
+from .validators import instance, integer, number
 
 Array = npt.NDArray[np.floating]
 
@@ -121,6 +122,11 @@ def check_jacobian(
     Returns:
         The report, equal on all ranks.
     """
+    instance(problem, FrictionalContactProblem, "problem", "a FrictionalContactProblem")
+    integer(seed, "seed", at_least=0)
+    number(step, "step", above=0.0)
+    if amplitude is not None:
+        number(amplitude, "amplitude (m)", above=0.0)
     rng = np.random.default_rng([seed, problem.comm.rank])
     local = min(np.min(k.surface.area.x.array, initial=np.inf) for k in problem.contacts)
     dim = problem.u.function_space.mesh.topology.dim

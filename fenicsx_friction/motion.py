@@ -10,6 +10,7 @@ from dolfinx import default_scalar_type, fem, mesh
 from ufl.core.expr import Expr
 
 from .errors import ContactInputError
+from .validators import instance, vector
 
 
 class RigidMotion:
@@ -24,6 +25,7 @@ class RigidMotion:
             counter-clockwise.
 
     Attributes:
+        mesh: The mesh of the body.
         translation: Translation (m).
         angle: Angle (rad).
     """
@@ -35,14 +37,14 @@ class RigidMotion:
         center: Sequence[float] | None = None,
         axis: Sequence[float] = (0.0, 0.0, 1.0),
     ) -> None:
-        d = msh.geometry.dim
-        self._center = np.zeros(d) if center is None else np.asarray(center, dtype=float)
-        length = np.linalg.norm(axis)
-        if self._center.shape != (d,) or not np.all(np.isfinite(self._center)):
-            raise ContactInputError(f"The center {center} must have {d} finite components.")
-        if len(axis) != 3 or not 0.0 < length < np.inf:
-            raise ContactInputError(f"The axis {axis} has no direction in three dimensions.")
-        self._axis = np.asarray(axis, dtype=float) / length
+        instance(msh, mesh.Mesh, "The mesh of a RigidMotion", "the mesh of the body")
+        self.mesh, d = msh, msh.geometry.dim
+        where = np.zeros(d) if center is None else center
+        self._center = vector(where, "The center of rotation", dimension=d)
+        direction = vector(axis, "The axis of rotation", dimension=3)
+        if not direction.any():
+            raise ContactInputError(f"The axis of rotation {axis} has no direction.")
+        self._axis = direction / np.linalg.norm(direction)
         self.translation, self._old_translation = (
             fem.Constant(msh, np.zeros(d, dtype=default_scalar_type)) for _ in range(2)
         )

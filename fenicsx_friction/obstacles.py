@@ -16,6 +16,7 @@ from ufl.core.expr import Expr
 from .errors import ContactInputError
 from .kinematics import Kinematics, Obstacle
 from .motion import RigidMotion
+from .validators import call, flag, instance, kind, number, shown, vector
 
 if TYPE_CHECKING:
     from .contact import Contact
@@ -30,6 +31,11 @@ class RigidObstacle(Obstacle):
     """
 
     motion: RigidMotion | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        """Check the motion; shapes check their own arguments, too."""
+        if self.motion is not None:
+            instance(self.motion, RigidMotion, "The obstacle's motion", "a RigidMotion, or None")
 
     @abstractmethod
     def shape(self, X: Expr) -> Expr:
@@ -62,15 +68,16 @@ class RigidPlane(RigidObstacle):
     normal: Sequence[float]
 
     def __post_init__(self) -> None:
-        """Check that the normal is one."""
-        _unit(self.normal, "The plane's normal")
-        _check_point(self.point, len(self.normal), "The plane's point")
+        """Check point and normal."""
+        super().__post_init__()
+        normal = _unit(self.normal, "The plane's normal")
+        vector(self.point, "The plane's point", dimension=len(normal))
 
     def shape(self, X: Expr) -> Expr:
         """Return the distance from the plane."""
         _check_dimension(X, self.normal, "A plane with normal")
         unit = _unit(self.normal, "The plane's normal")
-        return ufl.dot(ufl.as_vector(unit), X - ufl.as_vector(list(self.point)))
+        return ufl.dot(ufl.as_vector(unit), X - ufl.as_vector([*map(float, self.point)]))
 
 
 @dataclass(frozen=True)
@@ -88,14 +95,15 @@ class RigidSphere(RigidObstacle):
     inside: bool = False
 
     def __post_init__(self) -> None:
-        """Check the radius."""
-        _check_point(self.center, len(self.center), "The sphere's center")
-        _check_radius(self.radius)
+        """Check center and radius."""
+        super().__post_init__()
+        vector(self.center, "The sphere's center")
+        _check_round(self.radius, self.inside)
 
     def shape(self, X: Expr) -> Expr:
         """Return the distance from the sphere."""
         _check_dimension(X, self.center, "A sphere with center")
-        d = X - ufl.as_vector(list(self.center))
+        d = X - ufl.as_vector([*map(float, self.center)])
         distance = ufl.sqrt(ufl.dot(d, d)) - self.radius
         return -distance if self.inside else distance
 
@@ -118,15 +126,16 @@ class RigidCylinder(RigidObstacle):
 
     def __post_init__(self) -> None:
         """Check axis and radius."""
-        _unit(self.axis, "The cylinder's axis")
-        _check_point(self.point, 3, "The cylinder's point")
-        _check_radius(self.radius)
+        super().__post_init__()
+        _unit(self.axis, "The cylinder's axis", 3)
+        vector(self.point, "The cylinder's point", dimension=3)
+        _check_round(self.radius, self.inside)
 
     def shape(self, X: Expr) -> Expr:
         """Return the distance from the cylinder."""
         _check_dimension(X, self.point, "A cylinder with point")
         axis = ufl.as_vector(_unit(self.axis, "The cylinder's axis"))
-        d = X - ufl.as_vector(list(self.point))
+        d = X - ufl.as_vector([*map(float, self.point)])
         radial = d - ufl.dot(d, axis) * axis
         distance = ufl.sqrt(ufl.dot(radial, radial)) - self.radius
         return -distance if self.inside else distance
@@ -145,12 +154,18 @@ class ImplicitObstacle(RigidObstacle):
 
     distance: Callable[[Expr], Expr]
 
+    def __post_init__(self) -> None:
+        """Check that the distance is a function."""
+        super().__post_init__()
+        if not callable(self.distance) or isinstance(self.distance, Expr):
+            raise ContactInputError(
+                f"The distance = {shown(self.distance)} is {kind(self.distance)}; give a function "
+                "of the point X (UFL vector), such as lambda X: X[1]."
+            )
+
     def shape(self, X: Expr) -> Expr:
         """Return the given distance."""
-        value = ufl.as_ufl(self.distance(X))
-        if value.ufl_shape != ():
-            raise ContactInputError(f"The gap must be scalar, its shape is {value.ufl_shape}.")
-        return value
+        return call(self.distance, "The obstacle's distance(X)", X)
 
 
 def kinematics(obstacle: RigidObstacle, x: Expr, x_old: Expr, hint: Expr) -> Kinematics:
@@ -181,27 +196,19 @@ def kinematics(obstacle: RigidObstacle, x: Expr, x_old: Expr, hint: Expr) -> Kin
     return Kinematics(gap, slip, normal, tangents)
 
 
-def _unit(direction: Sequence[float], what: str) -> list[float]:
+def _unit(direction: Sequence[float], what: str, dimension: int | None = None) -> list[float]:
     """Return the unit vector of a direction, or raise."""
-    vector = np.asarray(direction, dtype=float)
-    length = np.linalg.norm(vector)
-    if not (np.isfinite(length) and length > 0.0):
-        raise ContactInputError(f"{what} {direction} has no direction.")
-    return list((vector / length).tolist())
+    components = vector(direction, what, dimension=dimension)
+    length = np.linalg.norm(components)
+    if not 0.0 < length < np.inf:
+        raise ContactInputError(f"{what} {direction} has no direction; give a vector not zero.")
+    return list((components / length).tolist())
 
 
-def _check_point(point: Sequence[float], dimension: int, what: str) -> None:
-    """Raise unless the point is finite and of the dimension."""
-    if len(point) != dimension or not np.all(np.isfinite(point)):
-        raise ContactInputError(
-            f"{what} {point} must be finite and have as many components as the space, {dimension}."
-        )
-
-
-def _check_radius(radius: float) -> None:
-    """Raise unless the radius is positive."""
-    if not 0.0 < radius < float("inf"):
-        raise ContactInputError(f"The radius {radius} must be positive and finite.")
+def _check_round(radius: float, inside: bool) -> None:
+    """Raise unless radius and side of a round obstacle are right."""
+    number(radius, "The radius", above=0.0)
+    flag(inside, "inside (the body is inside the obstacle)")
 
 
 def _check_dimension(X: Expr, vector: Sequence[float], what: str) -> None:

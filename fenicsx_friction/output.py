@@ -9,6 +9,7 @@ from dolfinx import fem, mesh
 from .contact import Contact
 from .errors import ContactInputError
 from .problem import FrictionalContactProblem
+from .validators import instance, shown
 
 
 class ContactFields:
@@ -39,9 +40,15 @@ class ContactFields:
     """
 
     def __init__(self, problem: FrictionalContactProblem, contact: Contact | None = None) -> None:
+        instance(problem, FrictionalContactProblem, "problem", "a FrictionalContactProblem")
         if contact is None and len(problem.contacts) > 1:
             raise ContactInputError(
                 f"The problem has {len(problem.contacts)} contacts; say which one."
+            )
+        if contact is not None and not any(contact is k for k in problem.contacts):
+            raise ContactInputError(
+                f"contact = {shown(contact)} is none of the problem's contacts; give one of "
+                "problem.contacts."
             )
         self._problem = problem
         self._contact = problem.contacts[0] if contact is None else contact

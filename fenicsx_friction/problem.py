@@ -16,13 +16,13 @@ from dolfinx.fem.petsc import assemble_matrix
 from dolfinx.la import InsertMode
 from ufl.core.expr import Expr
 
-from . import step
+from . import checks, step
 from .certificate import OPEN, SLIP, STICK, Certificate, NodalState, certify
-from .checks import check_problem
 from .collective import on_all_ranks
 from .compilation import compiled
 from .conditions import constrained, constrained_dofs, with_conditions
 from .contact import Contact
+from .contact_checks import check_normals
 from .coupling import Coupling
 from .errors import ContactInputError
 from .forces import ForceScales, force_units
@@ -78,18 +78,17 @@ class FrictionalContactProblem:
         *,
         contact: Contact | Sequence[Contact],
         petsc_options_prefix: str,
-        bcs: Sequence[fem.DirichletBC] | None = None,
+        bcs: fem.DirichletBC | Sequence[fem.DirichletBC] | None = None,
         petsc_options: Mapping[str, object] | None = None,
         entity_maps: Sequence[mesh.EntityMap] | None = None,
         settings: StepSettings | None = None,
     ) -> None:
-        blocks = [F] if isinstance(F, ufl.Form) else list(F)
-        self.unknowns = [u] if isinstance(u, fem.Function) else list(u)
-        self.contacts = [contact] if isinstance(contact, Contact) else list(contact)
-        self._settings = settings or StepSettings()
-        self.bcs = list(bcs or [])
+        blocks, self.unknowns = checks.residuals(F), checks.functions(u)
+        self.contacts, self.bcs = checks.contacts_of(contact), checks.conditions(bcs)
+        self._settings = checks.settings_of(settings)
+        options = (petsc_options_prefix, petsc_options, entity_maps)
+        checks.check_problem(blocks, self.unknowns, self.contacts, self.bcs, *options)
         self.u = self.unknowns[0]
-        check_problem(blocks, self.unknowns, self.contacts, petsc_options_prefix)
         V = self.u.function_space
         self.comm: MPI.Intracomm = V.mesh.comm
         self.u_old = fem.Function(V, name="u_old")
@@ -178,6 +177,7 @@ class FrictionalContactProblem:
 
     @settings.setter
     def settings(self, settings: StepSettings) -> None:
+        settings = checks.settings_of(settings)
         if settings.normal != self._settings.normal:
             raise ContactInputError(
                 f"settings.normal = {settings.normal!r}: the rows were made with "
@@ -330,6 +330,7 @@ class FrictionalContactProblem:
         held = constrained(V, self.bcs)
         for k in self.contacts:
             k.bind(self.u, self.u_old, self.dt, self.settings.normal)
+            check_normals(k)
             k.set_scale(diagonal)
         lowest = min(np.min(k.scale.x.array, initial=np.inf) for k in self.contacts)
         if not self.comm.allreduce(lowest, MPI.MIN) > 0.0:

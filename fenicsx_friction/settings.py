@@ -4,8 +4,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from .errors import ContactInputError
 from .laws import NORMAL_ROWS
+from .validators import choice, flag, integer, number
 
 
 @dataclass(frozen=True)
@@ -43,18 +43,13 @@ class StepSettings:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        choices = {
-            "corrector": (self.corrector, ("projection", "ramp")),
-            "ramp_nodes": (self.ramp_nodes, ("violated", "all")),
-            "ramp_sign": (self.ramp_sign, (-1, 1)),
-            "normal": (self.normal, tuple(NORMAL_ROWS)),
-        }
-        for name, (value, allowed) in choices.items():
-            if value not in allowed:
-                raise ContactInputError(f"{name} = {value!r} must be one of {allowed}.")
-        if not 0.0 < self.tolerance < 1.0:
-            raise ContactInputError(f"tolerance = {self.tolerance} must lie in (0, 1).")
-        if self.fallbacks is not None and self.fallbacks < 0:
-            raise ContactInputError(f"fallbacks = {self.fallbacks} must be >= 0, or None for all.")
-        if self.predictor_iterations < 1 or self.smoothing < 0.0:
-            raise ContactInputError("predictor_iterations must be >= 1 and smoothing >= 0.")
+        choice(self.corrector, "corrector", ("projection", "ramp"))
+        choice(self.ramp_nodes, "ramp_nodes", ("violated", "all"))
+        choice(self.ramp_sign, "ramp_sign", (-1, 1))
+        choice(self.normal, "normal", NORMAL_ROWS)
+        number(self.tolerance, "tolerance", above=0.0, below=1.0)
+        integer(self.predictor_iterations, "predictor_iterations", at_least=1)
+        number(self.smoothing, "smoothing", at_least=0.0)
+        if self.fallbacks is not None:
+            integer(self.fallbacks, "fallbacks (None for all)", at_least=0)
+        flag(self.raise_on_uncertified, "raise_on_uncertified")

@@ -10,9 +10,11 @@ import ufl
 from dolfinx import fem, la, mesh
 from ufl.core.expr import Expr
 
-from .compat import exterior_facet_entities
+from .compat import exterior_facet_entities, same_topology
 from .compilation import compiled
+from .elements import check_mesh
 from .errors import ContactInputError
+from .validators import instance, integer, text
 
 #: Collocation at the vertices: each contact equation involves one node only.
 VERTEX_RULE = {"quadrature_rule": "vertex", "quadrature_degree": 1}
@@ -25,7 +27,7 @@ class ContactSurface:
     submesh of the facets, and the vertex quadrature rule makes every row node-local.
 
     Args:
-        msh: Mesh of the body (2D or 3D).
+        msh: Mesh of the body (2D or 3D), of straight cells.
         facet_tags: Facet tags of ``msh``.
         tag: The tag of the contact facets.
         name: Name used in messages and reports.
@@ -40,13 +42,14 @@ class ContactSurface:
         area: Nodal areas (m² in 3D, m per unit depth in 2D), Function in ``S``.
 
     Raises:
-        ContactInputError: If the tag marks no facet, or facets that are not on the boundary.
+        ContactInputError: If the tag marks no facet, or facets that are not on the boundary, if
+            the tags are those of another mesh, or if contact cannot be solved on the mesh.
     """
 
     def __init__(
         self, msh: mesh.Mesh, facet_tags: mesh.MeshTags, tag: int, name: str = "contact"
     ) -> None:
-        self.mesh, self.name = msh, name
+        self.mesh, self.name = check_mesh(msh), text(name, "The name of a contact surface")
         facets = _checked_facets(msh, facet_tags, tag, name)
         self.submesh, self.entity_map, self._vertex_map, _ = mesh.create_submesh(
             msh, msh.topology.dim - 1, facets
@@ -62,6 +65,18 @@ class ContactSurface:
         self.area.x.array[:] = self._assemble(
             ufl.TestFunction(self.S) * self.measure(), self.S
         ).reshape(-1)
+        self._check_area()
+
+    def _check_area(self) -> None:
+        """Raise on all ranks unless every node has an area; collective."""
+        empty = self.x[~(self.area.x.array[: self.num_owned] > 0.0)]
+        found = [part for part in self.mesh.comm.allgather(empty.tolist()) if part]
+        if found:
+            where = ", ".join(f"{value:.6g}" for value in found[0][0])
+            raise ContactInputError(
+                f"Contact surface '{self.name}': the facets at node ({where}) have no area; mend "
+                "the mesh, whose nodes coincide there."
+            )
 
     def measure(self, data: list | None = None, tag: int = 1) -> ufl.Measure:
         """Return the collocation measure on the parent mesh (entity ids of ``data``)."""
@@ -87,6 +102,22 @@ class ContactSurface:
     def evaluator(self, expression: Expr) -> "NodalExpression":
         """Return an object that evaluates a UFL expression at the contact nodes."""
         return NodalExpression(self, expression)
+
+    def sources(self, bad: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Tell which owned nodes are bad by themselves, if values are not finite; collective.
+
+        The evaluator sums over facets, so that the neighbours of such a node get ``nan``, too. But
+        they have other facets that are not bad as a whole.
+        """
+        flags = fem.Function(self.S)
+        flags.x.array[: self.num_owned] = bad
+        flags.x.scatter_forward()
+        facets = self.S.dofmap.list
+        sound = np.zeros(len(flags.x.array), dtype=bool)
+        sound[facets[np.min(flags.x.array[facets], axis=1) < 0.5]] = True
+        found = bad & ~sound[: self.num_owned]
+        anywhere = self.mesh.comm.allreduce(bool(np.any(found)), MPI.LOR)
+        return np.asarray(found if anywhere else bad)
 
     def _assemble(self, form: ufl.Form, space: fem.FunctionSpace) -> npt.NDArray[np.floating]:
         """Assemble a linear form on the submesh; return owned and ghost values."""
@@ -167,6 +198,14 @@ def _checked_facets(
 ) -> npt.NDArray[np.int32]:
     """Return the facets of ``tag`` after checks that agree on all ranks."""
     comm, tdim = msh.comm, msh.topology.dim
+    cure = "dolfinx.mesh.MeshTags of the facets, see dolfinx.mesh.meshtags"
+    instance(facet_tags, mesh.MeshTags, f"Contact surface '{name}': facet_tags", cure)
+    tag = integer(tag, f"Contact surface '{name}': tag")
+    if not same_topology(facet_tags, msh):
+        raise ContactInputError(
+            f"Contact surface '{name}': the facet tags are those of another mesh; make them on "
+            "the mesh that you give."
+        )
     if facet_tags.dim != tdim - 1:
         raise ContactInputError(
             f"Contact surface '{name}': the tags mark entities of dimension {facet_tags.dim}, "

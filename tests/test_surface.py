@@ -156,3 +156,65 @@ def test_all_ranks_together_equal_one_alone():
         assert getattr(report.contacts[0], name) == getattr(alone.contacts[0], name)
     assert report.contacts[0].force == pytest.approx(alone.contacts[0].force, rel=1e-9)
     assert report.contacts[0].dissipation == pytest.approx(alone.contacts[0].dissipation, rel=1e-9)
+
+
+def loaded(load_of):
+    """Return the contact force of a strip (see above) under a load on its top."""
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 3, 3)
+    tags = tagged_facets(
+        msh,
+        lambda x: np.isclose(x[1], 0.0),
+        lambda x: np.isclose(x[1], 1.0),
+        lambda x: np.isclose(x[0], 0.0),
+    )
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(100.0, 0.0))
+    F = ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v) - load_of(msh, tags, v)
+    held = fem.locate_dofs_topological(V.sub(0), 1, tags.find(3))
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1), ff.RigidPlane((0, 0), (0, 1)), ff.Coulomb(0.3)
+    )
+    problem = ff.FrictionalContactProblem(
+        F,
+        u,
+        contact=contact,
+        bcs=fem.dirichletbc(0.0, held, V.sub(0)),
+        petsc_options_prefix="loaded_",
+    )
+    return problem.solve().contacts[0].force[1]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("tag", [2, np.int32(2), np.int64(2), (np.int32(2), 7), (2, 2)])
+def test_a_load_counts_whatever_integer_its_tag_is(tag):
+    def load(msh, tags, v):
+        other = mesh.meshtags(
+            msh, 1, tags.indices, np.where(tags.values == 1, 7, tags.values).astype(np.int32)
+        )
+        return -0.5 * v[1] * ufl.Measure("ds", domain=msh, subdomain_data=other)(tag)
+
+    # What presses on the contact facets themselves (7) goes straight to the plane.
+    doubled = isinstance(tag, tuple)
+    assert loaded(load) == pytest.approx(1.0 if doubled else 0.5, rel=1e-9)
+
+
+@pytest.mark.mpi
+def test_equal_numbers_of_equal_facets_may_come_from_two_tags():
+    def load(msh, tags, v):
+        again = mesh.meshtags(msh, 1, tags.indices, tags.values)
+        both = (ufl.Measure("ds", domain=msh, subdomain_data=t) for t in (tags, again))
+        return sum(-0.5 * v[1] * ds(2) for ds in both)
+
+    assert loaded(load) == pytest.approx(1.0, rel=1e-9)
+
+
+@pytest.mark.mpi
+def test_equal_numbers_of_different_facets_are_refused():
+    def load(msh, tags, v):
+        swapped = mesh.meshtags(msh, 1, tags.indices, (4 - tags.values).astype(np.int32))
+        both = (ufl.Measure("ds", domain=msh, subdomain_data=t) for t in (tags, swapped))
+        return sum(-0.5 * v[1] * ds(1) for ds in both)
+
+    with pytest.raises(ff.ContactInputError, match=r"ids \[1\] for different facets"):
+        loaded(load)

@@ -1,0 +1,211 @@
+"""The displacements that are accepted give the exact force; the quadrature leaves no soft mode."""
+
+from mpi4py import MPI
+
+import basix
+import basix.ufl
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+
+import fenicsx_friction as ff
+from models import tagged_facets
+
+CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+E, NU, PRESS, HEIGHT = 1000.0, 0.3, 0.01, 2.0
+SHEAR, BULK = E / (2.0 * (1.0 + NU)), E / (3.0 * (1.0 - 2.0 * NU))
+MINI = {"triangle": 3, "tetrahedron": 4}
+
+
+def lagrange(cell, degree=1):
+    return basix.ufl.element("Lagrange", cell, degree, shape=(CELLS[cell],))
+
+
+def mini(cell):
+    bubble = basix.ufl.element("Bubble", cell, MINI[cell])
+    scalar = basix.ufl.enriched_element([basix.ufl.element("Lagrange", cell, 1), bubble])
+    return basix.ufl.blocked_element(scalar, shape=(CELLS[cell],))
+
+
+ACCEPTED = [("P1 or Q1", lagrange, cell) for cell in CELLS] + [
+    ("MINI", mini, cell) for cell in MINI
+]
+accepted = pytest.mark.parametrize(
+    ("make", "cell"), [row[1:] for row in ACCEPTED], ids=[f"{a} {c}" for a, _, c in ACCEPTED]
+)
+
+
+def column(cell):
+    """A column of a mesh without symmetry, whose inner nodes are off the lattice."""
+    d = CELLS[cell]
+    kind, low, high = getattr(mesh.CellType, cell), [0.0] * d, [1.0] * (d - 1) + [HEIGHT]
+    make = mesh.create_rectangle if d == 2 else mesh.create_box
+    msh = make(MPI.COMM_WORLD, [low, high], [3] * d, kind)
+    x = msh.geometry.x
+    inner = np.all((x[:, :d] > 0.01) & (x[:, :d] < np.array(high) - 0.01), axis=1)
+    waves = [0.05 * np.sin(17.0 * x.sum(axis=1) + 3.0 * k) for k in range(d)]
+    x[inner, :d] += np.stack(waves, axis=1)[inner]
+    return msh
+
+
+def stress():
+    """The vertical stress of a column that may widen, in plane strain (2D) or free (3D)."""
+    return {2: E / (1.0 - NU**2) * PRESS / HEIGHT, 3: E * PRESS / HEIGHT}
+
+
+def pressed(msh, V):
+    """Conditions of a column whose top is pressed down, free to widen; the contact of its base."""
+    d = msh.geometry.dim
+    up = d - 1
+    tags = tagged_facets(
+        msh,
+        lambda x: np.isclose(x[up], 0.0),
+        lambda x: np.isclose(x[up], HEIGHT),
+        *(lambda x, k=k: np.isclose(x[k], 0.0) for k in range(d - 1)),
+    )
+    sides = [(2, up, -PRESS), *((3 + k, k, 0.0) for k in range(d - 1))]
+    bcs = [
+        fem.dirichletbc(
+            value, fem.locate_dofs_topological(V.sub(k), d - 1, tags.find(tag)), V.sub(k)
+        )
+        for tag, k, value in sides
+    ]
+    plane = ff.RigidPlane([0.0] * d, [0.0] * up + [1.0])
+    return bcs, ff.Contact(ff.ContactSurface(msh, tags, 1), plane, ff.Coulomb(0.0))
+
+
+@pytest.mark.mpi
+@accepted
+def test_a_pressed_column_has_its_exact_force_and_stress(make, cell):
+    msh = column(cell)
+    V = fem.functionspace(msh, make(cell))
+    u = fem.Function(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E, NU))
+    energy = ff.bulk.stored_energy(density, ufl.dx)
+    bcs, contact = pressed(msh, V)
+    F = ufl.derivative(energy, u, ufl.TestFunction(V))
+    problem = ff.FrictionalContactProblem(
+        F, u, contact=contact, bcs=bcs, petsc_options_prefix="column_"
+    )
+    report, exact = problem.solve(), stress()[msh.geometry.dim]
+    assert report.contacts[0].force[-1] == pytest.approx(exact, rel=1e-10)
+    # Not only the sum: at every node.
+    assert contact.nodal().c[:, 0] == pytest.approx(exact, rel=1e-9)
+    strained = msh.comm.allreduce(fem.assemble_scalar(fem.form(energy)), MPI.SUM)
+    assert strained == pytest.approx(exact * PRESS / 2.0, rel=1e-10)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("cell", MINI)
+def test_mini_with_a_pressure_has_its_exact_force(cell):
+    """Two unknowns [u, p], the mixed form of the same column."""
+    msh = column(cell)
+    V, Q = fem.functionspace(msh, mini(cell)), fem.functionspace(msh, ("Lagrange", 1))
+    (u, v), (p, q) = ((fem.Function(W), ufl.TestFunction(W)) for W in (V, Q))
+    strain = ufl.sym(ufl.grad(u))
+    deviatoric = 2.0 * SHEAR * (ufl.inner(strain, ufl.grad(v)) - ufl.div(u) * ufl.div(v) / 3.0)
+    F = [(deviatoric - p * ufl.div(v)) * ufl.dx, (ufl.div(u) + p / BULK) * q * ufl.dx]
+    bcs, contact = pressed(msh, V)
+    problem = ff.FrictionalContactProblem(
+        F, [u, p], contact=contact, bcs=bcs, petsc_options_prefix="mixed_"
+    )
+    report = problem.solve()
+    assert report.contacts[0].force[-1] == pytest.approx(stress()[msh.geometry.dim], rel=1e-10)
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_taylor_hood_and_other_mid_nodes_are_refused(degree):
+    msh = column("triangle")
+    V = fem.functionspace(msh, lagrange("triangle", degree))
+    u = fem.Function(V)
+    bcs, contact = pressed(msh, V)
+    F = ufl.derivative(ufl.inner(ufl.grad(u), ufl.grad(u)) * ufl.dx, u)
+    with pytest.raises(
+        ff.ContactInputError, match=r"has dofs on edges or facets.*what works is P1"
+    ):
+        ff.FrictionalContactProblem(
+            F, u, contact=contact, bcs=bcs, petsc_options_prefix="mid_nodes_"
+        )
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_curved_cells_are_refused(cell):
+    d = CELLS[cell]
+    points = basix.create_element(
+        basix.ElementFamily.P, getattr(basix.CellType, cell), 2, basix.LagrangeVariant.equispaced
+    ).points
+    second = basix.ufl.element(
+        "Lagrange", cell, 2, lagrange_variant=basix.LagrangeVariant.equispaced, shape=(d,)
+    )
+    msh = mesh.create_mesh(MPI.COMM_SELF, np.arange(len(points))[None, :], second, points)
+    tags = mesh.meshtags(msh, d - 1, np.array([0], dtype=np.int32), 1)
+    with pytest.raises(ff.ContactInputError, match=r"geometry of degree 2.*of degree 1"):
+        ff.ContactSurface(msh, tags, 1)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_vertex_dofs_must_be_values(cell, monkeypatch):
+    """An element whose dofs at the vertices are twice the values there."""
+    from fenicsx_friction import elements
+
+    scalar = basix.ufl.element("Lagrange", cell, 1)
+    assert elements._unfit(scalar) is None
+    tabulate = type(scalar).tabulate
+    monkeypatch.setattr(type(scalar), "tabulate", lambda *a: 2.0 * tabulate(*a))
+    assert "not the values" in elements._unfit(scalar)
+
+
+@pytest.mark.parametrize(
+    ("element", "rigid"),
+    [
+        *((make(cell), CELLS[cell]) for _, make, cell in ACCEPTED),
+        *((lagrange(cell, 2), CELLS[cell]) for cell in CELLS),
+    ],
+    ids=str,
+)
+def test_only_rigid_modes_have_no_energy(element, rigid):
+    """The eigenvalues of a distorted cell's stiffness at the default degree."""
+    d, cell = rigid, element.cell_type.name
+    corners = basix.geometry(element.cell_type)
+    x = corners + 0.1 * np.sin(5.0 * corners.sum(axis=1)[:, None] + np.arange(d))
+    msh = mesh.create_mesh(MPI.COMM_SELF, np.arange(len(x))[None, :], lagrange(cell), x)
+    u = fem.Function(fem.functionspace(msh, element))
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E, NU))
+    energy = ff.bulk.stored_energy(density, ufl.dx)
+    K = fem.assemble_matrix(fem.form(ufl.derivative(ufl.derivative(energy, u), u))).to_dense()
+    values = np.linalg.eigvalsh(K)
+    zero = int(np.sum(values < 1e-9 * values[-1]))
+    assert zero == d * (d + 1) // 2
+    assert values[zero] > 1e-4 * values[-1]
+
+
+@pytest.mark.parametrize(
+    ("element", "degree"),
+    [(lagrange("quadrilateral"), 1), (lagrange("hexahedron"), 1), (lagrange("triangle", 2), 1)]
+    + [(lagrange("quadrilateral", 2), 3), (lagrange("hexahedron", 2), 2), (mini("triangle"), 1)],
+    ids=str,
+)
+def test_a_degree_with_soft_modes_is_refused(element, degree):
+    d, corners = len(basix.topology(element.cell_type)) - 1, basix.geometry(element.cell_type)
+    flat = lagrange(element.cell_type.name)
+    msh = mesh.create_mesh(MPI.COMM_SELF, np.arange(len(corners))[None, :], flat, corners)
+    u = fem.Function(fem.functionspace(msh, element))
+    density = ff.bulk.neo_hooke_energy(u, ff.bulk.Elastic(E, NU))
+    with pytest.raises(ff.ContactInputError, match=f"degree = {degree} is too small"):
+        ff.bulk.stored_energy(density, ufl.dx, degree=degree)
+    # The modes are there: the rank of what would have been assembled shows them.
+    energy = sum(part * ufl.dx(degree=degree) for part in density)
+    K = fem.assemble_matrix(fem.form(ufl.derivative(ufl.derivative(energy, u), u))).to_dense()
+    values = np.linalg.eigvalsh(K)
+    assert np.sum(values < 1e-9 * values[-1]) > d * (d + 1) // 2
+
+
+@pytest.mark.parametrize(("make", "cell"), [(lagrange, cell) for cell in CELLS])
+def test_the_degree_of_linear_elements_is_two(make, cell):
+    """As ever: their digits do not change."""
+    msh = column(cell)
+    u = fem.Function(fem.functionspace(msh, make(cell)))
+    density = ff.bulk.neo_hooke_energy(u, ff.bulk.Elastic(E, NU))
+    (integral, *_) = ff.bulk.stored_energy(density, ufl.dx).integrals()
+    assert integral.metadata()["quadrature_degree"] == 2

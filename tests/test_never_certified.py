@@ -1,0 +1,253 @@
+"""Wrong models as users write them: each ends in an error or a warning, never in a certificate."""
+
+from mpi4py import MPI
+
+import basix.ufl
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+
+import fenicsx_friction as ff
+from bodies import stack
+from models import tagged_facets
+
+PRESSED = -0.01
+
+
+def pressed_block(
+    *,
+    element=("Lagrange", 1, (2,)),
+    cell="quadrilateral",
+    change_mesh=lambda msh: None,
+    condition=lambda V: V,
+    contact_tags=lambda tags: tags,
+    load=None,
+    obstacle=None,
+    friction=0.3,
+    prefix="never_",
+):
+    """A unit square on a plane, its top pressed down; returns the force."""
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 4, 4, getattr(mesh.CellType, cell))
+    tags = tagged_facets(
+        msh,
+        lambda x: np.isclose(x[1], 0.0),
+        lambda x: np.isclose(x[1], 1.0),
+        lambda x: np.isclose(x[0], 0.0),
+    )
+    change_mesh(msh)
+    V = fem.functionspace(msh, element)
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(1000.0, 0.3))
+    F = ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v)
+    if load is not None:
+        F -= load(msh, tags, v)
+    W = condition(V)
+    top = fem.Function(W)
+    top.x.array[1::2] = PRESSED
+    dofs = fem.locate_dofs_topological(W, 1, tags.find(2))
+    contact = ff.Contact(
+        ff.ContactSurface(msh, contact_tags(tags), 1),
+        obstacle(msh) if obstacle else ff.RigidPlane((0, 0), (0, 1)),
+        ff.Coulomb(friction) if isinstance(friction, float) else friction(msh),
+    )
+    problem = ff.FrictionalContactProblem(
+        F, u, contact=contact, bcs=fem.dirichletbc(top, dofs), petsc_options_prefix=prefix
+    )
+    report = problem.solve()
+    assert report.certificate.certified
+    return report.contacts[0].force[1]
+
+
+def refused(match):
+    return pytest.raises(ff.ContactInputError, match=match)
+
+
+def test_the_right_model_is_certified():
+    """Its force lies between those of a free and of a confined block in plane strain."""
+    assert 10.99 < pressed_block() < 13.46
+
+
+# -- elements ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_higher_displacements(cell, degree):
+    with refused("has dofs on edges or facets"):
+        pressed_block(element=("Lagrange", degree, (2,)), cell=cell)
+
+
+def test_the_displacement_of_taylor_hood():
+    """A list [u, p] is right, but not with a P2 displacement."""
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 3, 3)
+    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0))
+    spaces = [fem.functionspace(msh, ("Lagrange", 2, (2,))), fem.functionspace(msh, ("P", 1))]
+    (u, v), (p, q) = ((fem.Function(W), ufl.TestFunction(W)) for W in spaces)
+    F = [
+        (ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) - p * ufl.div(v)) * ufl.dx,
+        (ufl.div(u) + p) * q * ufl.dx,
+    ]
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1), ff.RigidPlane((0, 0), (0, 1)), ff.Frictionless()
+    )
+    with refused("has dofs on edges or facets"):
+        ff.FrictionalContactProblem(F, [u, p], contact=contact, petsc_options_prefix="hood_")
+
+
+def test_one_gauss_point_a_cell():
+    """Hourglass modes carry no force: the block would rest on nothing."""
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2, mesh.CellType.quadrilateral)
+    u = fem.Function(fem.functionspace(msh, ("Lagrange", 1, (2,))))
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(1000.0, 0.3))
+    with refused("could deform without energy"):
+        ff.bulk.stored_energy(density, ufl.dx, degree=1)
+
+
+# -- conditions and loads ------------------------------------------------------------------------
+
+
+def test_a_condition_on_an_equal_space():
+    with refused(r"bcs\[0\] is on a space that is none of the unknowns'"):
+        pressed_block(condition=lambda V: fem.functionspace(V.mesh, ("Lagrange", 1, (2,))))
+
+
+def test_a_condition_without_dofs():
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
+    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0))
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    u = fem.Function(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(1.0, 0.3))
+    F = ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, ufl.TestFunction(V))
+    nowhere = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], 5.0))
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1), ff.RigidPlane((0, 0), (0, 1)), ff.Coulomb(0.3)
+    )
+    with refused(r"bcs\[0\] has no dofs on any rank"):
+        ff.FrictionalContactProblem(
+            F,
+            u,
+            contact=contact,
+            bcs=fem.dirichletbc(np.zeros(2), nowhere, V),
+            petsc_options_prefix="nowhere_",
+        )
+
+
+@pytest.mark.parametrize(
+    ("load", "match"),
+    [
+        (lambda msh, t, v: v[0] * ufl.Measure("ds", msh, subdomain_data=t)(8), "would be lost"),
+        (lambda msh, t, v: v[0] * ufl.ds(3), "without subdomain_data"),
+    ],
+)
+def test_loads_that_would_be_lost(load, match):
+    with refused(match):
+        pressed_block(load=load)
+
+
+# -- meshes --------------------------------------------------------------------------------------
+
+
+def test_tags_of_another_mesh():
+    """Its facets have the same numbers as other facets of this boundary."""
+
+    def of_another(tags):
+        other = mesh.create_unit_square(MPI.COMM_WORLD, 4, 4, mesh.CellType.quadrilateral)
+        return mesh.meshtags(other, 1, tags.indices, tags.values)
+
+    with refused("tags are those of another mesh"):
+        pressed_block(contact_tags=of_another)
+
+
+def test_a_motion_of_another_mesh():
+    def obstacle(msh):
+        other = mesh.create_unit_square(MPI.COMM_WORLD, 1, 1)
+        return ff.RigidPlane((0, 0), (0, 1), motion=ff.RigidMotion(other))
+
+    with refused("made with another mesh"):
+        pressed_block(obstacle=obstacle)
+
+
+def test_friction_of_another_mesh():
+    def friction(msh):
+        other = mesh.create_unit_square(MPI.COMM_WORLD, 4, 4)
+        mu = fem.Function(fem.functionspace(other, ("Lagrange", 1)))
+        mu.x.array[:] = 0.3
+        return ff.Coulomb(mu)
+
+    with refused("of another mesh"):
+        pressed_block(friction=friction)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_a_folded_mesh(cell):
+    def fold(msh):
+        x = msh.geometry.x
+        x[np.isclose(x[:, 0], 0.5) & np.isclose(x[:, 1], 0.5), 0] = 1.3
+
+    with refused(r"Cell \d+ .*(inverted|folded)"):
+        pressed_block(cell=cell, change_mesh=fold)
+
+
+# -- two bodies ----------------------------------------------------------------------------------
+
+
+def test_a_primary_surface_on_another_mesh():
+    lower = stack(0.3, "lower_", cell="quadrilateral", **SQUARES)
+    with refused("on another mesh than the secondary"):
+        stack(
+            0.3,
+            "upper_",
+            cell="quadrilateral",
+            obstacle=ff.DeformableObstacle(lower.contact.obstacle.primary),
+            **SQUARES,
+        )
+
+
+def test_a_surface_that_meets_itself():
+    model = stack(0.3, "once_", cell="quadrilateral", **SQUARES)
+    surface, V = model.contact.surface, model.problem.u.function_space
+    contact = ff.Contact(surface, ff.DeformableObstacle(surface), ff.Coulomb(0.3))
+    u = model.problem.u
+    with refused("facets in common"):
+        ff.FrictionalContactProblem(
+            ufl.derivative(model.stored, u, ufl.TestFunction(V)),
+            u,
+            contact=contact,
+            bcs=model.problem.bcs,
+            petsc_options_prefix="itself_",
+        )
+
+
+SQUARES = {
+    "upper": (2, 2),
+    "lower": (2, 2),
+    "top": ((0.0, 1.0), (1.0, 2.0)),
+    "base": ((0.0, 0.0), (1.0, 1.0)),
+}
+
+
+# -- obstacles without a normal ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "match"),
+    [
+        (lambda msh: ff.ImplicitObstacle(lambda X: X[1] ** 2), "ImplicitObstacle .* no normal at"),
+        (lambda msh: ff.ImplicitObstacle(lambda X: 0.0), "does not depend on the point"),
+        (lambda msh: ff.RigidSphere((0.5, 0.0), 0.1), r"RigidSphere .* at node \(0.5, 0, 0\)"),
+    ],
+)
+def test_obstacles_without_a_normal(obstacle, match):
+    """They are named, not the loads."""
+    with refused(match):
+        pressed_block(obstacle=obstacle)
+
+
+def test_a_curved_mesh():
+    second = basix.ufl.element("Lagrange", "triangle", 2, shape=(2,))
+    x = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.6], [0.0, 0.5], [0.5, -0.1]])
+    msh = mesh.create_mesh(MPI.COMM_SELF, np.array([[0, 1, 2, 3, 4, 5]]), second, x)
+    with refused("geometry of degree 2"):
+        ff.ContactSurface(msh, tagged_facets(msh, lambda x: x[1] < 0.1), 1)
