@@ -110,6 +110,8 @@ def read_checkpoint(
         motion.restore([v.reshape(old.shape) for v, old in zip(pieces, saved, strict=True)])
     problem.num_steps = int(numbers["num_steps"])
     problem.dt.value = numbers["dt"]
+    for k in problem.contacts:
+        k.obstacle.anchor()
     return {name: float(value) for name, value in scalars.items()}
 
 

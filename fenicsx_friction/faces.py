@@ -1,12 +1,19 @@
 # SPDX-License-Identifier: MIT
 """A contact surface gathered on every rank: its nodes and its oriented faces."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
 from .face_cells import FACE_CELLS, Array, normals
 from .surface import ContactSurface
+
+if TYPE_CHECKING:
+    from .contact import Contact
 
 
 class FaceSet:
@@ -36,8 +43,9 @@ class FaceSet:
         parts = surface.mesh.comm.allgather(_oriented_faces(surface))
         self.faces = np.concatenate(parts)
         corners = self.X[self.faces]
-        center = corners.mean(axis=1)
-        self.priority = np.argsort(np.lexsort(np.round(center / np.ptp(center), 9).T[::-1]))
+        center = corners.mean(axis=1) - np.min(self.X, axis=0)
+        extent = np.max(np.ptp(self.X, axis=0))
+        self.priority = np.argsort(np.lexsort(np.round(center / extent, 9).T[::-1]))
         self.size = float(np.mean(np.linalg.norm(np.ptp(corners, axis=1), axis=1)))
 
     @property
@@ -66,6 +74,12 @@ class FaceSet:
         for column in self.faces.T:
             np.add.at(result, column, normals(self.cell, corners, center))
         return result / np.maximum(np.linalg.norm(result, axis=1, keepdims=True), 1e-300)
+
+
+def surface_normals(contact: Contact, u: fem.Function) -> Array:
+    """Return the averaged outward unit normals at the owned nodes of a contact; collective."""
+    faces = FaceSet(contact.surface, u)
+    return np.asarray(faces.node_normals(faces.positions(u))[faces.own])
 
 
 def _oriented_faces(surface: ContactSurface) -> npt.NDArray[np.int64]:

@@ -23,6 +23,7 @@ from .errors import ContactInputError
 from .measures import share_facet_data
 from .report import ContactReport, StepReport
 from .settings import StepSettings
+from .sides import check_sides
 from .substep import Substep, SubstepReport
 
 
@@ -265,6 +266,7 @@ class FrictionalContactProblem:
         self._pins: list[fem.DirichletBC] = []
         for k in self.contacts:
             k.bind(self.u, self.u_old, self.dt, self.settings.normal)
+            check_sides(k, self.u)
             k.set_scale(diagonal)
             self._pins += k.pin_prescribed(V, self.bcs)
         lowest = min(np.min(k.r.x.array, initial=np.inf) for k in self.contacts)

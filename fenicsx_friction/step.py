@@ -16,6 +16,7 @@ from .correctors import FALLBACKS, NEWTON_TOLERANCE, Attempt, correct, polish
 from .diagnosis import explain
 from .errors import ContactInputError, StepFailed
 from .report import StepReport
+from .sides import crossed_nodes
 from .substep import SubstepReport
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ MAX_SEARCHES = 6
 
 def advance(problem: FrictionalContactProblem) -> StepReport:
     """Solve, certify and commit one increment; see ``FrictionalContactProblem.solve``."""
+    obstacles = [k.obstacle.save() for k in problem.contacts]
     for k in problem.contacts:
         k.obstacle.anchor()
         k.refresh_frames()
@@ -63,11 +65,14 @@ def advance(problem: FrictionalContactProblem) -> StepReport:
             problem.contact_reports(),
             certificate,
         )
-        if certificate.solved:
+        crossed = crossed_nodes(problem)
+        if certificate.solved and not crossed:
             problem.commit()
             return report
-    message = explain(problem, report)
+    message = "\n".join([explain(problem, report), *crossed])
     state.restore(problem.state, start)
+    for k, saved in zip(problem.contacts, obstacles, strict=True):
+        k.obstacle.restore(saved)
     if problem.settings.raise_on_uncertified:
         raise StepFailed(message, report)
     return report
