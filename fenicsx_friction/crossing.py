@@ -165,8 +165,11 @@ def _events(way: Way, node: Indices, start: Mask, depth: float) -> _Events:
 
     met = way.take(rows)
     place, normal = met.place(time)
-    inside = np.min(place, axis=1) >= np.where(entering, -ENTER, -LEAVE)
     x, corners = met.at(1.0)
+    size = np.linalg.norm(area_vectors(corners), axis=1) ** (1.0 / (degree - 1))
+    # Behind the fold of two faces that look at each other neither is entered within its edges.
+    beyond = np.maximum(ENTER, depth / np.maximum(size, depth))
+    inside = np.min(place, axis=1) >= -np.where(entering, beyond, LEAVE)
     _, last = met.place(1.0)
     moved = x - np.einsum("nk,nkd->nd", place, corners)
     behind_by = -np.sum(moved * last, axis=1)
