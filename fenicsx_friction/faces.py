@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
+from .errors import ContactInputError
 from .face_cells import FACE_CELLS, Array, normals
 from .surface import ContactSurface
 
@@ -74,6 +75,31 @@ class FaceSet:
         for column in self.faces.T:
             np.add.at(result, column, normals(self.cell, corners, center))
         return result / np.maximum(np.linalg.norm(result, axis=1, keepdims=True), 1e-300)
+
+
+def check_surfaces(secondary: ContactSurface, primary: ContactSurface) -> None:
+    """Raise unless two surfaces can meet: of one mesh, of linear cells, apart; collective.
+
+    Raises:
+        ContactInputError: On all ranks.
+    """
+    names = f"Surfaces '{secondary.name}' (secondary) and '{primary.name}' (primary)"
+    msh = secondary.mesh
+    if primary.mesh is not msh:
+        raise ContactInputError(
+            f"{names} lie on another mesh each: put both bodies into one mesh, which need not be "
+            "connected."
+        )
+    if (degree := msh.geometry.cmaps[0].degree) != 1:
+        raise ContactInputError(
+            f"{names}: the geometry of the mesh has degree {degree}; node-to-face contact needs "
+            "linear cells (degree 1)."
+        )
+    ours, theirs = (map(tuple, s.entities.reshape(-1, 2)) for s in (secondary, primary))
+    if number := msh.comm.allreduce(len(set(ours) & set(theirs))):
+        raise ContactInputError(
+            f"{names} share {number} facets: give each body's surface a tag of its own."
+        )
 
 
 def surface_normals(contact: Contact, u: fem.Function) -> Array:
