@@ -110,17 +110,19 @@ def test_after_reading_a_checkpoint_the_fields_are_those_of_the_accepted_step(tm
 
 @pytest.mark.mpi
 def test_slip_starts_from_the_point_that_was_met_at_the_last_step():
-    """The base is stretched, the block moved over several faces: in closed form."""
+    """The base is stretched unevenly, the block moved over several faces: in closed form."""
     model = stack(ff.Frictionless(), "history_", **SLIDING)
     obstacle, block = model.contact.obstacle, block_dofs(model)
-    X = model.problem.u.function_space.tabulate_dof_coordinates()[:, 0]
-    for f, shift, stretch in ((model.problem.u_old, 0.3, 1.1), (model.problem.u, 0.9, 1.4)):
-        f.x.array[::2] = np.where(block, shift, (stretch - 1.0) * X)
+    X, nodes = model.problem.u.function_space.tabulate_dof_coordinates()[:, 0], np.arange(9) / 4.0
+    for f, shift, stretch in ((model.problem.u_old, 0.3, 0.1), (model.problem.u, 0.9, 0.4)):
+        f.x.array[::2] = np.where(block, shift, stretch * X**2)
     obstacle.anchor()
     obstacle.search()
     x = model.contact.surface.x[:, 0]
-    met = (x + 0.3) / 1.1  # the material point of the base under the node at the last step
-    assert model.contact.nodal().slip[:, 0] == pytest.approx(x + 0.9 - 1.4 * met, abs=1e-12)
+    # The material point of the base under the node at the last step, and where it is now.
+    met = np.interp(x + 0.3, nodes + 0.1 * nodes**2, nodes)
+    now = np.interp(met, nodes, nodes + 0.4 * nodes**2)
+    assert model.contact.nodal().slip[:, 0] == pytest.approx(x + 0.9 - now, abs=1e-12)
 
 
 def block_dofs(model):
