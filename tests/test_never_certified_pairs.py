@@ -7,7 +7,7 @@ import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
-from test_crossing import BALL, ball
+from shapes import BALL, ball
 
 PLANE = {"cell": "quadrilateral", "upper": (4, 2), "lower": (4, 2)}
 GAP = 0.5

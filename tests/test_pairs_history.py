@@ -17,7 +17,7 @@ from fenicsx_friction.faces import FaceSet
 from fenicsx_friction.pair_kernel import PairGeometry, PairKernel
 from fenicsx_friction.search import SearchPolicy, find_pairs
 from models import tagged_facets
-from test_crossing import lid, outline
+from shapes import lid, outline
 
 SLIDING = {
     "cell": "quadrilateral",
