@@ -33,6 +33,7 @@ import demo_concentric_spheres as spheres
 #: What is timed: a name, the class and its methods. No method of a part calls another of a part.
 PARTS = (
     ("search", ff.DeformableObstacle, ("anchor", "search")),
+    ("crossings", ff.DeformableObstacle, ("crossed",)),
     ("kinematics", Coupling, ("update",)),
     ("forces", Coupling, ("_add_forces",)),
     ("matrices", Coupling, ("matrices",)),

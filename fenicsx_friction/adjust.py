@@ -7,9 +7,10 @@ import numpy as np
 from dolfinx import fem, mesh
 from dolfinx.la import InsertMode
 
+from .errors import ContactInputError
 from .face_cells import blend, shape_matrix
-from .faces import FaceSet
-from .search import SearchPolicy, find_pairs
+from .faces import FaceSet, check_surfaces
+from .search import SearchPolicy, check_positive, find_pairs
 from .surface import ContactSurface
 
 
@@ -31,12 +32,21 @@ def close_initial_gaps(
 
     Returns:
         The longest way of a node (m).
+
+    Raises:
+        ContactInputError: If the mesh is not of linear cells, a tag marks no facet, both mark the
+            same, or ``reach`` is no length.
     """
+    check_positive(reach, "reach", "the largest gap or overlap (m) that is closed")
+    if not isinstance(msh, mesh.Mesh):
+        raise ContactInputError(f"msh = {msh!r} must be a dolfinx.mesh.Mesh.")
     d = msh.geometry.dim
     V = fem.functionspace(msh, ("Lagrange", 1, (d,)))
     u = fem.Function(V)
-    surface = ContactSurface(msh, facet_tags, secondary)
-    nodes, faces = FaceSet(surface, u), FaceSet(ContactSurface(msh, facet_tags, primary), u)
+    surface = ContactSurface(msh, facet_tags, secondary, name="secondary")
+    other = ContactSurface(msh, facet_tags, primary, name="primary")
+    check_surfaces(surface, other)
+    nodes, faces = FaceSet(surface, u), FaceSet(other, u)
     x, own = nodes.X[nodes.own], nodes.own
     pairs = find_pairs(
         faces,

@@ -7,6 +7,7 @@ through its limit, the projection is written anew.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 from mpi4py import MPI
 
@@ -110,6 +111,7 @@ class Certificate:
         tolerance: Relative tolerance of :attr:`certified`.
         certifiable: False if some law states no cone: then ``tangential_map`` is its own residual,
             and the state is solved but not certified.
+        crossed: Number of contacts of which nodes went through the obstacle within the step.
     """
 
     normal_map: float
@@ -132,6 +134,7 @@ class Certificate:
     force_scale: float
     tolerance: float
     certifiable: bool = True
+    crossed: int = 0
 
     @property
     def relative(self) -> float:
@@ -147,8 +150,9 @@ class Certificate:
 
     @property
     def solved(self) -> bool:
-        """Whether all residuals are within the tolerance, and can be told from rounding."""
-        return bool(self.relative <= self.tolerance and self.resolved and self.pushed <= 0.0)
+        """Whether all residuals are small, can be told from rounding, and no body went through."""
+        stays_outside = self.pushed <= 0.0 and self.crossed == 0
+        return bool(self.relative <= self.tolerance and self.resolved and stays_outside)
 
     @property
     def certified(self) -> bool:
@@ -208,6 +212,9 @@ def certify(
     worst[~np.isfinite(worst)] = np.inf
     comm.Allreduce(MPI.IN_PLACE, worst, op=MPI.MAX)
     values = dict(zip(NODAL, worst, strict=False))
+    largest: dict[str, Any] = {
+        name: np.max(row, initial=0.0).item() for name, row in values.items()
+    }
     allowed = scales.allowed(tolerance) / tolerance
     bodies = worst.shape[1] // max(len(states), 1)
     equations = np.r_[0:bodies, bodies + worst.shape[1] : len(allowed)]
@@ -215,7 +222,7 @@ def certify(
     slip, elastic = worst[len(NODAL) :]
     power = tractions * (slip + elastic)
     return Certificate(
-        **{name: float(np.max(row, initial=0.0)) for name, row in values.items()},
+        **largest,
         equilibrium=float(np.max(unbalanced[:bodies], initial=0.0)),
         natural_map=_worst(np.maximum(values["normal_map"], values["tangential_map"]), tractions),
         unbalanced=_worst(unbalanced, allowed[equations]),

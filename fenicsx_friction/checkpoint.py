@@ -94,6 +94,8 @@ def read_checkpoint(
     for motion, position in zip(content.motions, motions, strict=True):
         motion.restore(position)
     problem.num_steps, problem.dt.value = num_steps, dt
+    for k in problem.contacts:
+        k.obstacle.anchor()
     return dict(scalars)
 
 

@@ -180,13 +180,14 @@ class Content:
         for name, (_, f) in self.functions.items():
             _rows(f)[:] = rows[name]
             f.x.scatter_forward()
-        self._problem.accepted = []
+        accepted = []
         for k, contact in enumerate(self._problem.contacts):
             prefix = f"accepted {k}/"
             nodal = {n.removeprefix(prefix): v for n, v in rows.items() if n.startswith(prefix)}
             if nodal:
                 contact.slip_increment = nodal.pop(SLIP_INCREMENT)
-                self._problem.accepted.append(NodalState(**nodal))
+                accepted.append(NodalState(**nodal))
+        self._problem.accepted = accepted
 
 
 def _rows(function: fem.Function) -> Array:

@@ -243,6 +243,10 @@ class Contact:
         """Return the owned nodes' current positions (m)."""
         return self._position()
 
+    def nodal_normal(self) -> npt.NDArray[np.floating]:
+        """Return the owned nodes' unit normals towards the body."""
+        return self._normal()
+
     def nodal_traction(self) -> npt.NDArray[np.floating]:
         """Return the owned nodes' traction vectors on the body in global axes (Pa)."""
         return self._traction()

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 
@@ -14,12 +14,13 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from .crossing import Motion, find_crossed
 from .errors import ContactInputError
-from .face_cells import Array, project, shape_matrix
-from .faces import FaceSet
-from .kinematics import Kinematics, Obstacle
+from .face_cells import Array, normals, project, shape_matrix
+from .faces import FaceSet, check_surfaces
+from .kinematics import Kinematics, Obstacle, View
 from .pair_kernel import PairGeometry, PairKernel
-from .search import Pairs, SearchPolicy, find_pairs
+from .search import TIE, Pairs, SearchPolicy, find_pairs, nearest_faces
 from .surface import ContactSurface
 
 if TYPE_CHECKING:
@@ -50,10 +51,21 @@ class DeformableObstacle(Obstacle):
     """
 
     deformable = True
+    #: What :meth:`save` keeps, beside the faces met: arrays that are replaced, never changed.
+    _STATE = ("pairs", "_start", "_old_face", "_old_weights", "version")
 
     def __init__(self, primary: ContactSurface, *, search: SearchPolicy | None = None) -> None:
+        if not isinstance(primary, ContactSurface):
+            raise ContactInputError(
+                f"DeformableObstacle: primary = {primary!r} must be a ContactSurface, the surface "
+                "of the other body."
+            )
+        if not isinstance(search, SearchPolicy | None):
+            raise ContactInputError(
+                f"DeformableObstacle: search = {search!r} must be a SearchPolicy, or None."
+            )
         self.primary, self.policy = primary, search or SearchPolicy()
-        self.version = 0
+        self.version = self._last_version = 0
 
     def kinematics(self, contact: Contact, u: fem.Function, u_old: fem.Function) -> Kinematics:
         """Return kinematics whose parts are fields, which :meth:`update` fills."""
@@ -63,6 +75,7 @@ class DeformableObstacle(Obstacle):
                 "make another one (its surface can be shared)."
             )
         surface, d = contact.surface, contact.surface.mesh.geometry.dim
+        check_surfaces(surface, self.primary)
         self._d, self._u, self._u_old, self._hint, self._c = d, u, u_old, contact.hint, contact.c
         self.faces, self._secondary = FaceSet(self.primary, u), FaceSet(surface, u)
         if self._secondary.size > COARSE * self.faces.size:
@@ -111,6 +124,55 @@ class DeformableObstacle(Obstacle):
             self._place_old()
         return changed
 
+    def view(self, contact: Contact, u: fem.Function) -> View:
+        """Return how the faces look at the nodes; collective.
+
+        The cosine is the least of all faces, the gap that of the nearest, wherever it looks.
+        """
+        x, own = self._secondary.positions(u), self._secondary.own
+        directions, face_x = self._secondary.node_normals(x)[own], self.faces.positions(u)
+        centers = np.tile(self.faces.cell.center, (len(self.faces.faces), 1))
+        outward = normals(self.faces.cell, face_x[self.faces.faces], centers)
+        cosine = np.array([np.min(outward @ direction) for direction in directions])
+        near = nearest_faces(self.faces, face_x, x[own])
+        reach, over = self.policy.distance(self.faces), near.overhang <= TIE
+        looks = np.sum(outward[near.face] * directions, axis=1) < 0.0
+        lost = np.where(over & looks & (near.gap < -reach), -near.gap, 0.0)
+        return View(cosine, np.where(over & (near.gap >= -reach), near.gap, np.inf), lost)
+
+    def crossed(
+        self,
+        contact: Contact,
+        u: fem.Function,
+        u_old: fem.Function,
+        closed: npt.NDArray[np.bool_],
+    ) -> npt.NDArray[np.bool_]:
+        """Tell which nodes have gone through faces since the last step; collective."""
+        own = self._secondary.own
+        both = [self._secondary.positions(f) for f in (u_old, u)]
+        motion = Motion(
+            face_x=(self.faces.positions(u_old), self.faces.positions(u)),
+            x=(both[0][own], both[1][own]),
+            directions=(
+                self._secondary.node_normals(both[0])[own],
+                self._secondary.node_normals(both[1])[own],
+            ),
+        )
+        return find_crossed(self.faces, motion, ~closed, self._start.face)
+
+    def save(self) -> object:
+        """Return the pairs, those of the step's start and all that follows from them."""
+        state = tuple(getattr(self, name) for name in self._STATE)
+        return state, list(self._met), self.field.x.array.copy()
+
+    def restore(self, saved: Any) -> None:
+        """Put the pairs back with their version, which no other pairs ever have."""
+        values, met, field = saved
+        for name, value in zip(self._STATE, values, strict=True):
+            setattr(self, name, value)
+        self._met = list(met)
+        self.field.x.array[:] = field
+
     def _returns(self, found: Pairs) -> npt.NDArray[np.bool_]:
         """Tell which nodes would go back to a face that they have met in this step."""
         before = np.any([found.face == face for face in self._met], axis=0)
@@ -146,7 +208,7 @@ class DeformableObstacle(Obstacle):
         A node that met none there is traced back to its present face, extended. Later increments
         of slip start from there, whatever faces the node has crossed.
         """
-        self.version += 1
+        self.version = self._last_version = self._last_version + 1
         met = self._start.paired
         self._old_face = np.where(met, self._start.face, self.pairs.face)
         corners = self.faces.positions(self._u_old)[self.faces.faces[self._old_face]]
@@ -155,7 +217,6 @@ class DeformableObstacle(Obstacle):
         projected = project(self.faces.cell, corners, x, xi)
         xi = np.where(np.isfinite(projected), projected, xi)
         self._old_weights = shape_matrix(self.faces.cell, xi)
-        self._xi = self.pairs.xi.copy()
 
     # -- kinematics --------------------------------------------------------------------------
 
@@ -197,11 +258,14 @@ class DeformableObstacle(Obstacle):
         face_x, own = self.faces.positions(), self._secondary.own
         x = self._secondary.X[own] + self._u.x.array.reshape(-1, self._d)[self._nodes]
         around = face_x[self.nodes()]
-        xi = project(self.faces.cell, around[:, : self.faces.cell.nodes], x, self._xi)
-        self._xi = np.where(np.isfinite(xi), xi, self._xi)
+        # From the same start whatever was evaluated before: the fields depend on pairs and
+        # displacements only, to the last bit.
+        start = self.pairs.xi
+        xi = project(self.faces.cell, around[:, : self.faces.cell.nodes], x, start)
+        xi = np.where(np.isfinite(xi), xi, start)
         z = np.concatenate([x[:, None], around], axis=1)
         hint = self._hint.x.array.reshape(-1, self._d)[: len(x)]
-        return PairGeometry(z, self._xi, self._old_weights, hint)
+        return PairGeometry(z, xi, self._old_weights, hint)
 
     def _without_face(self, alone: npt.NDArray[np.bool_]) -> Array:
         """Return the field of nodes that meet no face: open, with a frame of their own."""

@@ -1,12 +1,20 @@
 # SPDX-License-Identifier: MIT
 """A contact surface gathered on every rank: its nodes and its oriented faces."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
+from .errors import ContactInputError
 from .face_cells import FACE_CELLS, Array, normals
 from .surface import ContactSurface
+
+if TYPE_CHECKING:
+    from .contact import Contact
 
 
 class FaceSet:
@@ -36,8 +44,9 @@ class FaceSet:
         parts = surface.mesh.comm.allgather(_oriented_faces(surface))
         self.faces = np.concatenate(parts)
         corners = self.X[self.faces]
-        center = corners.mean(axis=1)
-        self.priority = np.argsort(np.lexsort(np.round(center / np.ptp(center), 9).T[::-1]))
+        center = corners.mean(axis=1) - np.min(self.X, axis=0)
+        extent = np.max(np.ptp(self.X, axis=0))
+        self.priority = np.argsort(np.lexsort(np.round(center / extent, 9).T[::-1]))
         self.size = float(np.mean(np.linalg.norm(np.ptp(corners, axis=1), axis=1)))
 
     @property
@@ -66,6 +75,37 @@ class FaceSet:
         for column in self.faces.T:
             np.add.at(result, column, normals(self.cell, corners, center))
         return result / np.maximum(np.linalg.norm(result, axis=1, keepdims=True), 1e-300)
+
+
+def check_surfaces(secondary: ContactSurface, primary: ContactSurface) -> None:
+    """Raise unless two surfaces can meet: of one mesh, of linear cells, apart; collective.
+
+    Raises:
+        ContactInputError: On all ranks.
+    """
+    names = f"Surfaces '{secondary.name}' (secondary) and '{primary.name}' (primary)"
+    msh = secondary.mesh
+    if primary.mesh is not msh:
+        raise ContactInputError(
+            f"{names} lie on another mesh each: put both bodies into one mesh, which need not be "
+            "connected."
+        )
+    if (degree := msh.geometry.cmaps[0].degree) != 1:
+        raise ContactInputError(
+            f"{names}: the geometry of the mesh has degree {degree}; node-to-face contact needs "
+            "linear cells (degree 1)."
+        )
+    ours, theirs = (map(tuple, s.entities.reshape(-1, 2)) for s in (secondary, primary))
+    if number := msh.comm.allreduce(len(set(ours) & set(theirs))):
+        raise ContactInputError(
+            f"{names} share {number} facets: give each body's surface a tag of its own."
+        )
+
+
+def surface_normals(contact: Contact, u: fem.Function) -> Array:
+    """Return the averaged outward unit normals at the owned nodes of a contact; collective."""
+    faces = FaceSet(contact.surface, u)
+    return np.asarray(faces.node_normals(faces.positions(u))[faces.own])
 
 
 def _oriented_faces(surface: ContactSurface) -> npt.NDArray[np.int64]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from ufl.core.expr import Expr
+
+from .faces import surface_normals
 
 if TYPE_CHECKING:
     from .contact import Contact
@@ -38,6 +40,22 @@ class Kinematics:
         return sum((c[k + 1] * e for k, e in enumerate(self.tangents)), c[0] * self.normal)
 
 
+@dataclass(frozen=True)
+class View:
+    """How an obstacle looks at a surface, one entry an owned node.
+
+    Attributes:
+        cosine: Of the obstacle's normal and the surface's averaged outward normal, -1 where they
+            oppose each other.
+        gap: Distance in front of the obstacle (m); infinite beyond the edge of a surface.
+        lost: How deep (m) the node is behind what it should meet and is too deep to; else 0.
+    """
+
+    cosine: npt.NDArray[np.floating]
+    gap: npt.NDArray[np.floating]
+    lost: npt.NDArray[np.floating]
+
+
 class Obstacle(ABC):
     """What a body meets: a rigid obstacle, or the surface of a deformable body.
 
@@ -51,6 +69,44 @@ class Obstacle(ABC):
 
     motion: RigidMotion | None = None
     deformable = False
+
+    def view(self, contact: Contact, u: fem.Function) -> View:
+        """Return how the obstacle looks at the surface; collective.
+
+        Args:
+            contact: The contact.
+            u: Displacement.
+        """
+        cosine = np.sum(contact.nodal_normal() * surface_normals(contact, u), axis=1)
+        gap = contact.gap_and_friction()[0]
+        return View(cosine, gap, np.zeros_like(gap))
+
+    def crossed(
+        self,
+        contact: Contact,
+        u: fem.Function,
+        u_old: fem.Function,
+        closed: npt.NDArray[np.bool_],
+    ) -> npt.NDArray[np.bool_]:
+        """Tell which nodes have gone through the obstacle since the last step; collective.
+
+        Args:
+            contact: The contact.
+            u: Displacement, of a step that is about to be accepted.
+            u_old: Displacement of the last accepted step.
+            closed: Owned nodes that are held by a closed contact: they are not asked for.
+
+        Returns:
+            One flag an owned node.
+        """
+        return np.zeros(len(closed), dtype=bool)
+
+    def save(self) -> object:
+        """Return what a step changes in the obstacle, its ``motion`` aside; not collective."""
+        return None
+
+    def restore(self, saved: Any) -> None:  # noqa: B027 - rigid obstacles need none
+        """Put back what :meth:`save` returned, bit for bit; not collective."""
 
     @abstractmethod
     def kinematics(self, contact: Contact, u: fem.Function, u_old: fem.Function) -> Kinematics:

@@ -7,10 +7,13 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
+from scipy.spatial.transform import Rotation
 from ufl.core.expr import Expr
 
 from .errors import ContactInputError
 from .validators import instance, vector
+
+Array = npt.NDArray[np.floating]
 
 
 class RigidMotion:
@@ -64,6 +67,17 @@ class RigidMotion:
         turn = self._rotation(self.angle - self._old_angle)
         return center + self.translation + ufl.dot(turn, x - center - self._old_translation)
 
+    def undone(self, x: Array) -> Array:
+        """Return :meth:`undo` of points in numbers, one row a point."""
+        turn = self._turn(float(self.angle.value))
+        return np.asarray(self._center + (x - self._center - self.translation.value) @ turn)
+
+    def carried(self, x: Array) -> Array:
+        """Return :meth:`carry` of points in numbers, one row a point."""
+        turn = self._turn(float(self.angle.value) - float(self._old_angle.value))
+        arm = x - self._center - self._old_translation.value
+        return np.asarray(self._center + self.translation.value + arm @ turn.T)
+
     def commit(self) -> None:
         """Make the present position that of the last accepted step."""
         self._old_translation.value = self.translation.value
@@ -82,6 +96,14 @@ class RigidMotion:
     def _constants(self) -> tuple[fem.Constant, ...]:
         """All that describes the position."""
         return self.translation, self._old_translation, self.angle, self._old_angle
+
+    def _turn(self, angle: float) -> Array:
+        """Return the rotation matrix of an angle in numbers."""
+        vector = angle * self._axis
+        if len(self._center) == 2:
+            vector = np.array([0.0, 0.0, angle])
+        d = len(self._center)
+        return np.asarray(Rotation.from_rotvec(vector).as_matrix()[:d, :d])
 
     def _rotation(self, angle: Expr) -> Expr:
         """Return the rotation matrix of an angle (Rodrigues in 3D)."""

@@ -16,6 +16,7 @@ from ufl.core.expr import Expr
 from .errors import ContactInputError
 from .kinematics import Kinematics, Obstacle
 from .motion import RigidMotion
+from .passage import Array, Mask, through_anything, through_ball, ways
 from .validators import call, flag, instance, kind, number, shown, vector
 
 if TYPE_CHECKING:
@@ -54,6 +55,29 @@ class RigidObstacle(Obstacle):
         X = ufl.SpatialCoordinate(contact.surface.mesh)
         return kinematics(self, X + u, X + u_old, contact.hint)
 
+    def crossed(self, contact: Contact, u: fem.Function, u_old: fem.Function, closed: Mask) -> Mask:
+        """Tell which open nodes have passed right through the obstacle; collective."""
+        start, end = ways(contact, u, u_old, self.motion)
+        return self.passed(contact, u, start, end, ~closed)
+
+    def passed(
+        self, contact: Contact, u: fem.Function, start: Array, end: Array, open_: Mask
+    ) -> Mask:
+        """Tell which open nodes pass through the obstacle on their ways; collective.
+
+        Args:
+            contact: The contact.
+            u: Displacement; put back if it is changed.
+            start: Where local nodes were (m), carried along by the obstacle.
+            end: Where they are (m).
+            open_: Owned nodes that are asked for.
+        """
+        return through_anything(contact, u, start, end, open_)
+
+    def _undone(self, x: Array) -> Array:
+        """Return the points of the unmoved obstacle that are at ``x`` now, in numbers."""
+        return x if self.motion is None else self.motion.undone(x)
+
 
 @dataclass(frozen=True)
 class RigidPlane(RigidObstacle):
@@ -78,6 +102,12 @@ class RigidPlane(RigidObstacle):
         _check_dimension(X, self.normal, "A plane with normal")
         unit = _unit(self.normal, "The plane's normal")
         return ufl.dot(ufl.as_vector(unit), X - ufl.as_vector([*map(float, self.point)]))
+
+    def passed(
+        self, contact: Contact, u: fem.Function, start: Array, end: Array, open_: Mask
+    ) -> Mask:
+        """Tell which nodes pass through: none, there is no far side."""
+        return np.zeros_like(open_)
 
 
 @dataclass(frozen=True)
@@ -106,6 +136,15 @@ class RigidSphere(RigidObstacle):
         d = X - ufl.as_vector([*map(float, self.center)])
         distance = ufl.sqrt(ufl.dot(d, d)) - self.radius
         return -distance if self.inside else distance
+
+    def passed(
+        self, contact: Contact, u: fem.Function, start: Array, end: Array, open_: Mask
+    ) -> Mask:
+        """Tell which open nodes pass through the sphere; no straight way does leave a socket."""
+        if self.inside:
+            return np.zeros_like(open_)
+        first, last = self._undone(start[: len(open_)]), self._undone(end[: len(open_)])
+        return open_ & through_ball(first - self.center, last - self.center, self.radius)
 
 
 @dataclass(frozen=True)
@@ -139,6 +178,18 @@ class RigidCylinder(RigidObstacle):
         radial = d - ufl.dot(d, axis) * axis
         distance = ufl.sqrt(ufl.dot(radial, radial)) - self.radius
         return -distance if self.inside else distance
+
+    def passed(
+        self, contact: Contact, u: fem.Function, start: Array, end: Array, open_: Mask
+    ) -> Mask:
+        """Tell which open nodes pass through the cylinder; no straight way does leave a bearing."""
+        if self.inside:
+            return np.zeros_like(open_)
+        axis = np.array(_unit(self.axis, "The cylinder's axis"))
+        across = np.eye(3) - np.outer(axis, axis)
+        first, last = self._undone(start[: len(open_)]), self._undone(end[: len(open_)])
+        start, end = ((x - self.point) @ across for x in (first, last))
+        return open_ & through_ball(start, end, self.radius)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from .forces import ForceScales, force_units
 from .measures import share_facet_data
 from .report import ContactReport, StepReport
 from .settings import StepSettings
+from .sides import check_sides
 from .substep import Substep, SubstepReport
 
 #: The multipliers of a node in several contacts are redundant where it sticks: MUMPS then finds
@@ -331,6 +332,7 @@ class FrictionalContactProblem:
         for k in self.contacts:
             k.bind(self.u, self.u_old, self.dt, self.settings.normal)
             check_normals(k)
+            check_sides(k, self.u)
             k.set_scale(diagonal)
         lowest = min(np.min(k.scale.x.array, initial=np.inf) for k in self.contacts)
         if not self.comm.allreduce(lowest, MPI.MIN) > 0.0:

@@ -31,8 +31,9 @@ class ProblemSnapshot:
     """All that ``solve()`` changes, committed history included.
 
     These are the unknowns, ``u_old``, everything a contact owns (multipliers, slip path, frames,
-    slip increment), the positions of moving obstacles now and at the last accepted step, ``dt``,
-    ``accepted`` and ``num_steps``. Loads and boundary values are the user's, who sets them.
+    slip increment), the positions of moving obstacles now and at the last accepted step, the pairs
+    of deformable ones, ``dt``, ``accepted`` and ``num_steps``. Loads and boundary values are the
+    user's, who sets them.
 
     Args:
         problem: The problem.
@@ -53,6 +54,7 @@ class ProblemSnapshot:
         self._functions = list(functions.values())
         motions = [k.obstacle.motion for k in problem.contacts if k.obstacle.motion is not None]
         self._motions = [(motion, motion.save()) for motion in motions]
+        self._obstacles = [(k.obstacle, k.obstacle.save()) for k in problem.contacts]
         self._problem, self._values = problem, save(self._functions)
         self._dt = problem.dt.value.copy()
         self._accepted, self._num_steps = list(problem.accepted), problem.num_steps
@@ -64,6 +66,8 @@ class ProblemSnapshot:
         restore(self._functions, self._values)
         for motion, position in self._motions:
             motion.restore(position)
+        for obstacle, saved in self._obstacles:
+            obstacle.restore(saved)
         self._problem.dt.value = self._dt
         self._problem.accepted = list(self._accepted)
         self._problem.num_steps = self._num_steps

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mpi4py import MPI
@@ -16,6 +17,7 @@ from .correctors import FALLBACKS, Attempt, correct, newton_tolerance, polish
 from .diagnosis import explain
 from .errors import ContactInputError, StepFailed
 from .report import StepReport
+from .sides import crossed_nodes
 from .substep import SubstepReport
 
 if TYPE_CHECKING:
@@ -69,6 +71,8 @@ def _advance(problem: FrictionalContactProblem) -> StepReport:
         elif not problem.projection.is_solved(newton_tolerance(problem)):
             continue  # else the loads did not change and the state is its own solution
         certificate = problem.certify()
+        crossed = crossed_nodes(problem) if certificate.solved else []
+        certificate = replace(certificate, crossed=len(crossed))
         report = StepReport(
             problem.num_steps + 1,
             problem.settings.corrector,
@@ -79,8 +83,10 @@ def _advance(problem: FrictionalContactProblem) -> StepReport:
         if certificate.solved:
             problem.commit()
             return report
+        if crossed:
+            break  # another way to solve the step would only go through as well
     if problem.settings.raise_on_uncertified:
-        raise StepFailed(explain(problem, report), report)
+        raise StepFailed("\n".join([explain(problem, report), *crossed]), report)
     return report
 
 

@@ -43,6 +43,7 @@ class Stack:
     top: fem.Function
     bottom: fem.Function
     stored: ufl.Form
+    tags: mesh.MeshTags
 
     def move(self, *displacement):
         d = len(displacement)
@@ -116,7 +117,7 @@ def stack(
         petsc_options_prefix=prefix,
         settings=ff.StepSettings(**settings),
     )
-    return Stack(problem, contact, moved, bottom, stored)
+    return Stack(problem, contact, moved, bottom, stored, tags)
 
 
 def sides(msh, up, levels, eps):
