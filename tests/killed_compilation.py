@@ -4,6 +4,7 @@ usage: killed_compilation.py {KILL,INT} RANKS COUNT    one run, then the next
        killed_compilation.py beside RANKS COUNT        two runs at once, one of them killed
 """
 
+import contextlib
 import os
 import random
 import signal
@@ -90,7 +91,8 @@ def main(how, ranks, count):
                 os.killpg(process.pid, signal.SIGINT)
             else:
                 for pid in pids:
-                    os.kill(pid, signal.SIGKILL)
+                    with contextlib.suppress(ProcessLookupError):  # it is done
+                        os.kill(pid, signal.SIGKILL)
             process.communicate()
             hit += process.returncode != 0
             broken += leftovers(cache) > 0
