@@ -20,11 +20,12 @@ from .friction import (
 )
 from .jacobian import JacobianReport, check_jacobian
 from .motion import RigidMotion
-from .obstacles import ImplicitObstacle, RigidCylinder, RigidObstacle, RigidPlane, RigidSphere
+from .obstacles import ImplicitObstacle, RigidObstacle, RigidPlane
 from .output import ContactFields
 from .problem import FrictionalContactProblem
 from .relaxation import ViscousRelaxation
 from .report import ContactReport, FailedAttempt, StepRecord, StepReport
+from .round_obstacles import RigidCylinder, RigidSphere
 from .search import SearchPolicy
 from .settings import StepSettings
 from .stepper import LoadStepper, StepperFailed

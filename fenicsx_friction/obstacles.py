@@ -16,8 +16,8 @@ from ufl.core.expr import Expr
 from .errors import ContactInputError
 from .kinematics import Kinematics, Obstacle
 from .motion import RigidMotion
-from .passage import Array, Mask, through_anything, through_ball, ways
-from .validators import call, flag, instance, kind, number, shown, vector
+from .passage import Array, Mask, through_anything, ways
+from .validators import call, instance, kind, shown, vector
 
 if TYPE_CHECKING:
     from .contact import Contact
@@ -53,7 +53,11 @@ class RigidObstacle(Obstacle):
     def kinematics(self, contact: Contact, u: fem.Function, u_old: fem.Function) -> Kinematics:
         """Derive the kinematics from the gap, see :func:`kinematics`."""
         X = ufl.SpatialCoordinate(contact.surface.mesh)
-        return kinematics(self, X + u, X + u_old, contact.hint)
+        return kinematics(self.near(_middle(contact)), X + u, X + u_old, contact.hint)
+
+    def near(self, point: Array) -> RigidObstacle:
+        """Return the same obstacle with a gap that loses no digits near a point (m)."""
+        return self
 
     def crossed(self, contact: Contact, u: fem.Function, u_old: fem.Function, closed: Mask) -> Mask:
         """Tell which open nodes have passed right through the obstacle; collective."""
@@ -94,13 +98,13 @@ class RigidPlane(RigidObstacle):
     def __post_init__(self) -> None:
         """Check point and normal."""
         super().__post_init__()
-        normal = _unit(self.normal, "The plane's normal")
+        normal = unit(self.normal, "The plane's normal")
         vector(self.point, "The plane's point", dimension=len(normal))
 
     def shape(self, X: Expr) -> Expr:
         """Return the distance from the plane."""
-        _check_dimension(X, self.normal, "A plane with normal")
-        unit = _unit(self.normal, "The plane's normal")
+        check_dimension(X, self.normal, "A plane with normal")
+        unit = unit(self.normal, "The plane's normal")
         return ufl.dot(ufl.as_vector(unit), X - ufl.as_vector([*map(float, self.point)]))
 
     def passed(
@@ -108,88 +112,6 @@ class RigidPlane(RigidObstacle):
     ) -> Mask:
         """Tell which nodes pass through: none, there is no far side."""
         return np.zeros_like(open_)
-
-
-@dataclass(frozen=True)
-class RigidSphere(RigidObstacle):
-    """A sphere (in 2D a circle).
-
-    Attributes:
-        center: Center (m).
-        radius: Radius (m), ``> 0``.
-        inside: The body is inside, as in a socket.
-    """
-
-    center: Sequence[float]
-    radius: float
-    inside: bool = False
-
-    def __post_init__(self) -> None:
-        """Check center and radius."""
-        super().__post_init__()
-        vector(self.center, "The sphere's center")
-        _check_round(self.radius, self.inside)
-
-    def shape(self, X: Expr) -> Expr:
-        """Return the distance from the sphere."""
-        _check_dimension(X, self.center, "A sphere with center")
-        d = X - ufl.as_vector([*map(float, self.center)])
-        distance = ufl.sqrt(ufl.dot(d, d)) - self.radius
-        return -distance if self.inside else distance
-
-    def passed(
-        self, contact: Contact, u: fem.Function, start: Array, end: Array, open_: Mask
-    ) -> Mask:
-        """Tell which open nodes pass through the sphere; no straight way does leave a socket."""
-        if self.inside:
-            return np.zeros_like(open_)
-        first, last = self._undone(start[: len(open_)]), self._undone(end[: len(open_)])
-        return open_ & through_ball(first - self.center, last - self.center, self.radius)
-
-
-@dataclass(frozen=True)
-class RigidCylinder(RigidObstacle):
-    """An infinite circular cylinder in 3D (in 2D use a sphere).
-
-    Attributes:
-        point: A point of the axis (m).
-        axis: Direction of the axis, of any length.
-        radius: Radius (m), ``> 0``.
-        inside: The body is inside, as in a bearing.
-    """
-
-    point: Sequence[float]
-    axis: Sequence[float]
-    radius: float
-    inside: bool = False
-
-    def __post_init__(self) -> None:
-        """Check axis and radius."""
-        super().__post_init__()
-        _unit(self.axis, "The cylinder's axis", 3)
-        vector(self.point, "The cylinder's point", dimension=3)
-        _check_round(self.radius, self.inside)
-
-    def shape(self, X: Expr) -> Expr:
-        """Return the distance from the cylinder."""
-        _check_dimension(X, self.point, "A cylinder with point")
-        axis = ufl.as_vector(_unit(self.axis, "The cylinder's axis"))
-        d = X - ufl.as_vector([*map(float, self.point)])
-        radial = d - ufl.dot(d, axis) * axis
-        distance = ufl.sqrt(ufl.dot(radial, radial)) - self.radius
-        return -distance if self.inside else distance
-
-    def passed(
-        self, contact: Contact, u: fem.Function, start: Array, end: Array, open_: Mask
-    ) -> Mask:
-        """Tell which open nodes pass through the cylinder; no straight way does leave a bearing."""
-        if self.inside:
-            return np.zeros_like(open_)
-        axis = np.array(_unit(self.axis, "The cylinder's axis"))
-        across = np.eye(3) - np.outer(axis, axis)
-        first, last = self._undone(start[: len(open_)]), self._undone(end[: len(open_)])
-        start, end = ((x - self.point) @ across for x in (first, last))
-        return open_ & through_ball(start, end, self.radius)
 
 
 @dataclass(frozen=True)
@@ -247,7 +169,14 @@ def kinematics(obstacle: RigidObstacle, x: Expr, x_old: Expr, hint: Expr) -> Kin
     return Kinematics(gap, slip, normal, tangents)
 
 
-def _unit(direction: Sequence[float], what: str, dimension: int | None = None) -> list[float]:
+def _middle(contact: Contact) -> Array:
+    """Return the mean of the contact's nodes (m), on all ranks; collective."""
+    x, comm = contact.surface.x, contact.surface.mesh.comm
+    total = comm.allreduce(np.append(x.sum(axis=0), len(x)))
+    return np.asarray(total[: contact.surface.mesh.geometry.dim] / total[-1])
+
+
+def unit(direction: Sequence[float], what: str, dimension: int | None = None) -> list[float]:
     """Return the unit vector of a direction, or raise."""
     components = vector(direction, what, dimension=dimension)
     length = np.linalg.norm(components)
@@ -256,13 +185,7 @@ def _unit(direction: Sequence[float], what: str, dimension: int | None = None) -
     return list((components / length).tolist())
 
 
-def _check_round(radius: float, inside: bool) -> None:
-    """Raise unless radius and side of a round obstacle are right."""
-    number(radius, "The radius", above=0.0)
-    flag(inside, "inside (the body is inside the obstacle)")
-
-
-def _check_dimension(X: Expr, vector: Sequence[float], what: str) -> None:
+def check_dimension(X: Expr, vector: Sequence[float], what: str) -> None:
     """Raise unless the obstacle lives in the space of ``X``."""
     if len(vector) != X.ufl_shape[0]:
         raise ContactInputError(
