@@ -122,7 +122,8 @@ class ImplicitObstacle(RigidObstacle):
         distance: Function of the point ``X`` (UFL vector, m) to its signed distance from the
             obstacle (UFL scalar, m), positive outside. Near the surface its gradient should be of
             length one, for gaps to be lengths; only the sign and the gradient's direction matter
-            on it.
+            on it. Nowhere should it be far more than the distance, or a thin obstacle that nodes
+            pass through within a step may not be seen.
     """
 
     distance: Callable[[Expr], Expr]
