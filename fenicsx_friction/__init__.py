@@ -8,7 +8,7 @@ from .checkpoint import read_checkpoint, write_checkpoint
 from .contact import Contact
 from .deformable import DeformableObstacle
 from .energy import EnergyAudit
-from .errors import CheckpointError, ContactInputError, StepFailed
+from .errors import CheckpointError, ContactInputError, OutOfMemory, StepFailed
 from .events import Event, EventLog
 from .friction import (
     Coulomb,
@@ -58,6 +58,7 @@ __all__ = [
     "JacobianReport",
     "LoadStepper",
     "OrthotropicCoulomb",
+    "OutOfMemory",
     "PermanentStick",
     "RigidCylinder",
     "RigidMotion",

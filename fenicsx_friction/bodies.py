@@ -28,7 +28,7 @@ def number_bodies(V: fem.FunctionSpace) -> tuple[int, Labels]:
     comm, index_map, cells = V.mesh.comm, V.dofmap.index_map, V.dofmap.list
     n = index_map.size_local + index_map.num_ghosts
     first = np.repeat(cells[:, 0], cells.shape[1] - 1)
-    number, part = _connected(n, first, cells[:, 1:].ravel())
+    number, part = connected(n, first, cells[:, 1:].ravel())
     part = part + comm.scan(number) - number  # unique among all ranks
     owner = fem.Function(fem.functionspace(V.mesh, _scalar(V)), dtype=np.float64)
     owner.x.array[:] = part
@@ -36,7 +36,7 @@ def number_bodies(V: fem.FunctionSpace) -> tuple[int, Labels]:
     theirs = np.rint(owner.x.array).astype(np.int64)
     joints = np.concatenate(comm.allgather(np.unique(np.column_stack([part, theirs]), axis=0)))
     total = comm.allreduce(number, MPI.SUM)
-    bodies, body = _connected(total, joints[:, 0], joints[:, 1])
+    bodies, body = connected(total, joints[:, 0], joints[:, 1])
     return bodies, body[part]
 
 
@@ -46,7 +46,7 @@ def _scalar(V: fem.FunctionSpace) -> Any:
     return element.sub_elements[0] if element.block_size > 1 else element
 
 
-def _connected(n: int, a: Labels, b: Labels) -> tuple[int, Labels]:
+def connected(n: int, a: Labels, b: Labels) -> tuple[int, Labels]:
     """Return the number of connected parts of a graph, and the part of each vertex."""
     graph = coo_array((np.ones(len(a)), (a, b)), shape=(n, n))
     number, part = connected_components(graph.tocsr(), directed=False)

@@ -36,3 +36,7 @@ class CheckpointError(ValueError):
 def _unpickled(kind: type[StepFailed], *arguments: object) -> StepFailed:
     """Return an exception without the attributes that its constructor sets."""
     return kind.__new__(kind, *arguments)
+
+
+class OutOfMemory(RuntimeError):
+    """The direct solver has no memory left: no other way or step would help."""

@@ -16,9 +16,10 @@ import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
 
-from .bodies import Array, Groups, Labels, number_bodies
+from .bodies import Array, Groups, Labels, connected, number_bodies
 from .compilation import compiled
 from .conditions import constrained_dofs, with_conditions
+from .deformable import DeformableObstacle
 from .scales import DIGITS, FAINT, Scales
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ class ForceScales:
         self._group_rows(dofs, units)
         self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
         self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
-        self._steepest = self._by_contact([k.nodal_scale() for k in contacts])
+        self._linked = self._link(body)
         self.begin()
 
     def begin(self) -> None:
@@ -85,7 +86,10 @@ class ForceScales:
         there = [
             np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs))) for f in self._unknowns
         ]
-        self._given = self._over_ranks(self._all.largest(there[0][: len(self._stiffness)]))
+        given = self._over_ranks(self._all.largest(there[0][: len(self._stiffness)]))
+        # Bodies that meet hand each other the rounding of their forces.
+        noise = DIGITS * self._stiffest * given
+        self._given = np.array([np.max(noise[self._linked == part]) for part in self._linked])
         values = np.array([np.max(values, initial=0.0) for values in there])
         self._values = self._over_ranks(values)
 
@@ -124,7 +128,7 @@ class ForceScales:
         u = self._u.x.array[: len(self._stiffness)]
         local = np.stack([largest, DIGITS * self._all.largest(self._stiffness * abs(u))])
         forces, hidden = self._over_ranks(local)
-        bodies = Scales(forces, self._forces, hidden, DIGITS * self._stiffest * self._given)
+        bodies = Scales(forces, self._forces, hidden, self._given)
         tractions = self._by_contact(self._traction_lengths())
         unresolved = DIGITS * self._by_contact([k.stiffness_traction() for k in self._contacts])
         each = len(self._contacts)
@@ -133,7 +137,7 @@ class ForceScales:
             tractions,
             np.maximum(self._tractions, faint),
             unresolved,
-            DIGITS * self._steepest * np.tile(self._given, each),
+            np.tile(self._given, each) * self._per_area,
         )
         return _joined(bodies, contacts, self._others)
 
@@ -166,6 +170,20 @@ class ForceScales:
         self.row_factors[own] = stiffness[own]
         others = self.held_rows[self.held_rows >= len(bodies)]
         self.row_factors[others] = self._weights[others]
+
+    def _link(self, body: Labels) -> Labels:
+        """Number the groups of bodies that may meet each other; the group of each body."""
+        links = [np.column_stack([np.arange(self.number)] * 2)]
+        for k, secondary in zip(self._contacts, self._bodies, strict=True):
+            meets = [np.unique(secondary)]
+            if isinstance(k.obstacle, DeformableObstacle):
+                primary = k.obstacle.primary
+                dofs = primary.parent_dofs(self._u.function_space)[: primary.num_owned]
+                meets.append(np.unique(body[dofs]))
+            found = np.concatenate(self._comm.allgather(np.concatenate(meets)))
+            links.append(np.column_stack([np.full_like(found, found[0]), found]))
+        a, b = np.concatenate(links).T
+        return connected(self.number, a, b)[1]
 
     def _contact_forces(self) -> Array:
         """Return the largest contact force on a node of each body (N), of this rank."""

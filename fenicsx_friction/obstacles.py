@@ -104,8 +104,8 @@ class RigidPlane(RigidObstacle):
     def shape(self, X: Expr) -> Expr:
         """Return the distance from the plane."""
         check_dimension(X, self.normal, "A plane with normal")
-        unit = unit(self.normal, "The plane's normal")
-        return ufl.dot(ufl.as_vector(unit), X - ufl.as_vector([*map(float, self.point)]))
+        normal = unit(self.normal, "The plane's normal")
+        return ufl.dot(ufl.as_vector(normal), X - ufl.as_vector([*map(float, self.point)]))
 
     def passed(
         self, contact: Contact, u: fem.Function, start: Array, end: Array, open_: Mask

@@ -120,8 +120,8 @@ def _distance(
 ) -> Expr:
     """Return the distance from a ball.
 
-    ``|X - c| - R`` is known to the digits of ``R`` only. With a point ``p`` of the surface, near the
-    body, and ``q = p - c`` it is ``(|y|^2 + 2 q . y + |q|^2 - R^2) / (|y + q| + R)`` of ``y = X - p``,
+    ``|X - c| - R`` is known to the digits of ``R`` only. With a point ``p`` of the surface near the
+    body, ``q = p - c`` and ``y = X - p`` it is ``(|y|^2 + 2 q . y + |q|^2 - R^2) / (|y + q| + R)``,
     where nothing large is subtracted, if ``|q|^2 - R^2`` is taken from exact fractions.
     """
     center = [*map(float, center)]

@@ -21,8 +21,9 @@ from .compat import jacobian_blocks
 from .compilation import NonlinearProblem, compiled
 from .coupled_solver import CoupledCallbacks
 from .coupling import Coupling
-from .errors import ContactInputError
+from .errors import ContactInputError, OutOfMemory
 from .forces import ForceScales
+from .linear import factor_failure, forget_factor, out_of_memory, require_solver
 from .snes_callbacks import Callbacks
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ class SubstepReport:
         reason: PETSc's name of the reason, or ``CYCLE``.
         residuals: 2-norms of the residual (N), one an iteration and the initial one.
         accepted: Whether the substep's end state was used.
+        failure: Why a factorisation failed, in plain words.
     """
 
     name: str
@@ -68,6 +70,7 @@ class SubstepReport:
     reason: str
     residuals: tuple[float, ...]
     accepted: bool = True
+    failure: str = ""
 
 
 class Substep:
@@ -106,10 +109,11 @@ class Substep:
         self._prefix = f"{prefix}{name}_"
         self._options = {**DEFAULT_OPTIONS, **(options or {})}
         self._scales, self._coupling, self._rows = scales, coupling, rows
+        require_solver(self._options, unknowns[0].function_space.mesh.comm)
         self._problem: NonlinearProblem | None = None
         self._callbacks: Callbacks | None = None
         self._history: list[float] = []
-        self._cycled, self._tolerance = False, 0.0
+        self._cycled, self._tolerance, self._failure = False, 0.0, ""
 
     @property
     def problem(self) -> NonlinearProblem:
@@ -229,6 +233,7 @@ class Substep:
         snes.getLineSearch().setType(str(line_search or chosen))
         snes.setTolerances(max_it=int(str(max_it or limit)))
         self._history, self._cycled, self._tolerance = [], False, tolerance
+        self._failure = ""
         converged, reason = self._run(problem, target)
         return SubstepReport(
             name=self.name,
@@ -238,6 +243,7 @@ class Substep:
             converged=converged,
             reason="CYCLE" if self._cycled else reason,
             residuals=tuple(self._history),
+            failure=self._failure,
         )
 
     def _run(self, problem: NonlinearProblem, target: PETSc.Vec | None) -> tuple[bool, str]:
@@ -252,7 +258,20 @@ class Substep:
         problem.x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
         assign(problem.x, problem.u)
         reason = problem.solver.getConvergedReason()
+        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
+            self._explain_failure(problem.solver)
         return reason > 0, _reason_name(reason)
+
+    def _explain_failure(self, snes: PETSc.SNES) -> None:
+        """Say why a factorisation failed, and forget the factor, which is spoilt then."""
+        self._failure = factor_failure(snes)
+        memory = out_of_memory(snes)
+        forget_factor(snes)
+        if memory:
+            raise OutOfMemory(
+                f"The {self.name} substep could not be solved: {self._failure}. The last accepted "
+                "state was restored."
+            )
 
     def _test(
         self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]

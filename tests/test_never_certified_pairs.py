@@ -168,7 +168,7 @@ def test_wrong_arguments_of_deformable_obstacles_are_refused():
             ff.DeformableObstacle(wrong)
     with pytest.raises(ff.ContactInputError, match=r"search = .*SearchPolicy"):
         ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2), search=0.5)
-    with pytest.raises(ff.ContactInputError, match="share 4 facets"):
+    with pytest.raises(ff.ContactInputError, match="4 facets in common"):
         contact_of(model, 1, 1)
     other = stack(0.3, "arguments_other_", **FLAT)
     elsewhere = other.problem.u.function_space.mesh
@@ -183,7 +183,7 @@ def test_wrong_arguments_of_deformable_obstacles_are_refused():
     for wrong in (np.nan, -1.0, 0.0, "far", None):
         with pytest.raises(ff.ContactInputError, match="reach = "):
             ff.close_initial_gaps(msh, tags, 1, 2, wrong)
-    with pytest.raises(ff.ContactInputError, match="share 4 facets"):
+    with pytest.raises(ff.ContactInputError, match="4 facets in common"):
         ff.close_initial_gaps(msh, tags, 1, 1, 0.1)
     with pytest.raises(ff.ContactInputError, match="marks no facet"):
         ff.close_initial_gaps(msh, tags, 1, 77, 0.1)
