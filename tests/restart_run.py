@@ -49,11 +49,13 @@ def raous_run(comm):
 
 
 def block_run(comm):
-    """Sweep a block of P2 tetrahedra in an L over a plane that moves and turns."""
+    """Sweep a block of MINI tetrahedra in an L over a plane that moves and turns."""
     size = (1.2, 0.9, 0.5)
     msh = mesh.create_box(comm, [[0.0] * 3, size], (3, 2, 1))
     tags = tagged_facets(msh, lambda x: np.isclose(x[2], 0.0), lambda x: np.isclose(x[2], size[2]))
-    V = fem.functionspace(msh, ("Lagrange", 2, (3,)))
+    parts = [basix.ufl.element(*e) for e in (("P", "tetrahedron", 1), ("Bubble", "tetrahedron", 4))]
+    mini = basix.ufl.blocked_element(basix.ufl.enriched_element(parts), shape=(3,))
+    V = fem.functionspace(msh, mini)
     u, v, top = fem.Function(V, name="u"), ufl.TestFunction(V), fem.Function(V)
     rubber = ff.bulk.Elastic(E=1000.0, nu=0.3)
     stored = ff.bulk.stored_energy(ff.bulk.small_strain_energy(u, rubber), ufl.dx)

@@ -183,6 +183,31 @@ def test_loads_that_fail_when_a_half_step_is_handed_out(model, steps):
     assert audit._energy == pytest.approx(whole.stored, rel=1e-6, abs=1e-3 * abs(whole.stored))
 
 
+def test_an_audit_that_is_interrupted_forgets_what_it_added(model, monkeypatch):
+    """Of the increments of one step, in the middle of them."""
+    model.load(0.5, 0.5)
+    model.problem.solve()
+    audit, calls = ff.EnergyAudit(model.problem, model.stored, model.loads), []
+    stepper = ff.LoadStepper(
+        model.problem, lambda t: model.load(t, t), end=1.0, step=1.0, audit=audit
+    )
+    audited, before = ff.EnergyAudit.update, dict(vars(audit))
+
+    def update(self):
+        if calls:
+            raise KeyboardInterrupt
+        calls.append(audited(self))
+        return calls[-1]
+
+    monkeypatch.setattr(ff.EnergyAudit, "update", update)
+    state_now = ProblemSnapshot(model.problem)
+    solved = stepper_module._Solved(1.0, 1.0, None, (state_now, state_now))
+    with pytest.raises(KeyboardInterrupt):
+        stepper._audited(solved)
+    assert len(calls) == 1
+    assert all(vars(audit)[name] is value for name, value in before.items())
+
+
 @pytest.fixture(autouse=True)
 def fresh(model):
     """Start each test from the same state."""

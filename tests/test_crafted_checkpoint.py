@@ -164,12 +164,14 @@ CRAFTED = {
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", CRAFTED)
-def test_crafted_content_is_refused_and_changes_nothing(comm, path, name):
+def test_crafted_content_is_refused_and_changes_nothing(comm, path, name, monkeypatch):
     """On all ranks alike, before anything is changed."""
     problem = stepped(comm)
     write_checkpoint(path, problem, {"time": 1.0})
-    (path.parent / "elsewhere").write_bytes(bytes(10000))
+    monkeypatch.chdir(path.parent)
     if comm.rank == 0:
+        (path.parent / "elsewhere").write_bytes(bytes(10000))
+        (path.parent / "elsewhere.h5").write_bytes(path.read_bytes())
         change(path, CRAFTED[name])
     problem.unknowns[0].x.array[:] = 5.0
     problem.num_steps = 77

@@ -119,8 +119,8 @@ def test_wrong_obstacles_are_refused():
         ff.RigidCylinder((0, 0, 0), (0, 0, 0), 1.0)
     with pytest.raises(ff.ContactInputError, match="cannot be met by points of 2"):
         ff.RigidPlane((0, 0, 0), (0, 0, 1)).gap(numbers([0, 0]))
-    with pytest.raises(ff.ContactInputError, match="must be scalar"):
+    with pytest.raises(ff.ContactInputError, match="must return a UFL scalar"):
         ff.ImplicitObstacle(lambda X: 2 * X).gap(numbers([0, 0]))
     msh = mesh.create_rectangle(MPI.COMM_SELF, [[0, 0], [1, 1]], [1, 1])
-    with pytest.raises(ff.ContactInputError, match="2 finite components"):
+    with pytest.raises(ff.ContactInputError, match="2 finite numbers; it has 3"):
         ff.RigidMotion(msh, center=(0, 0, 0))

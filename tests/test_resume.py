@@ -183,6 +183,8 @@ def test_times_that_differ_by_rounding_make_no_steps_of_rounding():
     assert len(sizes(0.0, 0.3, 0.1, [third, 0.3])) == 3
     assert len(sizes(third, 1.0, 0.7, [0.3, third])) == 1
     assert len(sizes(0.3, 1.0, 0.7, [third])) == 1
+    assert sizes(0.0, third, 1.0, [0.3]) == [third]
+    assert len(sizes(0.0, 1.0, 1.0, [0.3, third])) == 2
     assert sizes(0.0, 1e-20, 1e-21)[-1] == 1e-20
     assert len(sizes(0.0, 1e-20, 1.0)) == 1
 
