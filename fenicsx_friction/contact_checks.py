@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Checks of one contact: its surface, obstacle and friction law, tried on the displacement."""
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -14,6 +12,7 @@ from .contact import Contact
 from .deformable import DeformableObstacle
 from .domains import check_terminals
 from .errors import ContactInputError
+from .faces import check_surfaces
 from .friction import FrictionLaw, Sliding
 from .obstacles import RigidObstacle
 from .search import SearchPolicy
@@ -30,7 +29,7 @@ def check_contact(contact: Contact, u: fem.Function) -> None:
         cure = "a ContactSurface of the other body"
         instance(obstacle.primary, ContactSurface, "primary of a DeformableObstacle", cure)
         instance(obstacle.policy, SearchPolicy, "search of a DeformableObstacle", "a SearchPolicy")
-        _check_primary(surface, obstacle.primary)
+        check_surfaces(surface, obstacle.primary)
     if obstacle.motion is not None and obstacle.motion.mesh is not msh:
         raise ContactInputError(
             f"The motion of the obstacle of contact '{surface.name}' was made with another mesh "
@@ -59,22 +58,6 @@ def check_normals(contact: Contact) -> None:
             f"The {type(contact.obstacle).__name__} of contact '{surface.name}' has no normal at "
             f"node ({where}): the gradient of its gap is zero or not finite there. Move the "
             "obstacle, or give a gap with a gradient of about length one."
-        )
-
-
-def _check_primary(secondary: ContactSurface, primary: ContactSurface) -> None:
-    """Check that two surfaces are of one mesh and have no facet in common; collective."""
-    if primary.mesh is not secondary.mesh:
-        raise ContactInputError(
-            f"The primary surface '{primary.name}' lies on another mesh than the secondary surface "
-            f"'{secondary.name}'; put both bodies into one mesh."
-        )
-    facets = [{tuple(pair) for pair in s.entities.reshape(-1, 2)} for s in (primary, secondary)]
-    common = primary.mesh.comm.allreduce(len(facets[0] & facets[1]), MPI.SUM)
-    if common > 0:
-        raise ContactInputError(
-            f"The primary surface '{primary.name}' and the secondary surface '{secondary.name}' "
-            f"have {common} facets in common: a facet cannot meet itself. Give two surfaces apart."
         )
 
 

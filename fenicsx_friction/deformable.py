@@ -17,7 +17,7 @@ from dolfinx import fem
 from .crossing import Motion, find_crossed
 from .errors import ContactInputError
 from .face_cells import Array, normals, project, shape_matrix
-from .faces import FaceSet, check_surfaces
+from .faces import FaceSet
 from .kinematics import Kinematics, Obstacle, View
 from .pair_kernel import PairGeometry, PairKernel
 from .search import TIE, Pairs, SearchPolicy, find_pairs, nearest_faces
@@ -75,7 +75,6 @@ class DeformableObstacle(Obstacle):
                 "make another one (its surface can be shared)."
             )
         surface, d = contact.surface, contact.surface.mesh.geometry.dim
-        check_surfaces(surface, self.primary)
         self._d, self._u, self._u_old, self._hint, self._c = d, u, u_old, contact.hint, contact.c
         self.faces, self._secondary = FaceSet(self.primary, u), FaceSet(surface, u)
         if self._secondary.size > COARSE * self.faces.size:

@@ -98,7 +98,7 @@ def check_surfaces(secondary: ContactSurface, primary: ContactSurface) -> None:
     ours, theirs = (map(tuple, s.entities.reshape(-1, 2)) for s in (secondary, primary))
     if number := msh.comm.allreduce(len(set(ours) & set(theirs))):
         raise ContactInputError(
-            f"{names} share {number} facets: give each body's surface a tag of its own."
+            f"{names} have {number} facets in common: give each body's surface a tag of its own."
         )
 
 
