@@ -140,6 +140,16 @@ def block(
     return Block(problem, contact, top, frame, stored)
 
 
+def rectangle_on(normal, comm=MPI.COMM_WORLD):
+    """Return a unit square whose base (tag 1; the top is 2) lies on a plane through the origin."""
+    msh = mesh.create_rectangle(comm, [[0, 0], [1, 1]], [4, 4], mesh.CellType.quadrilateral)
+    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0), lambda x: np.isclose(x[1], 1.0))
+    normal = np.asarray(normal) / np.linalg.norm(normal)
+    along = np.array([normal[1], -normal[0]])
+    msh.geometry.x[:, :2] = msh.geometry.x[:, :2] @ np.array([along, normal])
+    return msh, tags
+
+
 #: Top displacements: press, an L-shaped sweep, and back: stick, slip, turn and reversal.
 L_PATH = [
     (0.0, 0.0, -0.01),
