@@ -288,9 +288,8 @@ def kill(folder):
         assert found >= number
         number = found
     write(path, number + 1)
-    assert not parts(path)
+    assert not parts(path) and during >= 5
     print("killed during writing:", during, "last:", number, "seconds a write:", duration)
-    assert during >= 5
 
 
 def writers(folder):
