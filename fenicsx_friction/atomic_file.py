@@ -47,6 +47,7 @@ def replace_file(path: Path, *pieces: bytes | memoryview) -> None:
     """
     with contextlib.suppress(FileNotFoundError):
         _check(os.stat(path), path)
+    _remove_parts(path)  # before, for there may be no room beside them
     with _new_part(path) as (part, file):
         for piece in pieces:
             file.write(piece)
@@ -57,7 +58,6 @@ def replace_file(path: Path, *pieces: bytes | memoryview) -> None:
     with contextlib.suppress(OSError):  # some file systems cannot, and need not
         os.fsync(folder)
     os.close(folder)
-    _remove_parts(path)
 
 
 def _check(status: os.stat_result, path: str | os.PathLike[str]) -> None:
