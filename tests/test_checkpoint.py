@@ -117,7 +117,10 @@ def test_the_history_of_a_contact_is_complete(uninterrupted):
     _, _, _, (problem, _) = uninterrupted["block"]
     (contact,) = problem.contacts
     names = {name for name, value in vars(contact).items() if isinstance(value, fem.Function)}
-    of_one_step, set_up = {"c_stick", "slipping", "slip_scale"}, {"free", "r", "_u"}
+    of_one_step, set_up = (
+        {"c_stick", "slipping", "slip_scale"},
+        {"free", "r", "scale", "_u", "_held"},
+    )
     assert names == {*CONTACT_HISTORY} | of_one_step | set_up
 
 

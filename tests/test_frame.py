@@ -81,7 +81,9 @@ def held_on(normal, friction, prefix, component=0):
 def test_nodes_held_obliquely_to_the_surface_are_refused():
     """Friction of such a node could not be told from the reaction."""
     slope = np.array([-0.3, 1.0]) / np.hypot(0.3, 1.0)
-    with pytest.raises(ff.ContactInputError, match=r"neither normal nor tangential .* Frictionless"):
+    with pytest.raises(
+        ff.ContactInputError, match=r"neither normal nor tangential .* Frictionless"
+    ):
         held_on(slope, ff.Coulomb(0.3), "oblique_")
     problem, _, top = held_on(slope, ff.Frictionless(), "smooth_")
     top.x.array[1::2] = -0.01
