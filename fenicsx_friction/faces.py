@@ -83,12 +83,12 @@ def check_surfaces(secondary: ContactSurface, primary: ContactSurface) -> None:
     Raises:
         ContactInputError: On all ranks.
     """
-    names = f"Surfaces '{secondary.name}' (secondary) and '{primary.name}' (primary)"
+    names = f"The primary surface '{primary.name}' and the secondary surface '{secondary.name}'"
     msh = secondary.mesh
     if primary.mesh is not msh:
         raise ContactInputError(
-            f"{names} lie on another mesh each: put both bodies into one mesh, which need not be "
-            "connected."
+            f"The primary surface '{primary.name}' lies on another mesh than the secondary surface "
+            f"'{secondary.name}': put both bodies into one mesh, which need not be connected."
         )
     if (degree := msh.geometry.cmaps[0].degree) != 1:
         raise ContactInputError(

@@ -10,7 +10,7 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from bodies import stack
-from models import tagged_facets
+from models import block, tagged_facets
 
 PRESSED = -0.01
 
@@ -251,3 +251,42 @@ def test_a_curved_mesh():
     msh = mesh.create_mesh(MPI.COMM_SELF, np.array([[0, 1, 2, 3, 4, 5]]), second, x)
     with refused("geometry of degree 2"):
         ff.ContactSurface(msh, tagged_facets(msh, lambda x: x[1] < 0.1), 1)
+
+
+class Weakening(ff.FrictionLaw):
+    """Friction that turns negative once the node has slid far."""
+
+    def limit(self, pressure, sliding):
+        return (0.3 - 30.0 * sliding.path) * pressure
+
+
+class Driving(ff.FrictionLaw):
+    """A law of its own row that pushes along the slip."""
+
+    def limit(self, pressure, sliding):
+        return 0.3 * pressure
+
+    def row(self, s, c_t, limit, r, eps):
+        return c_t - limit * s / ufl.sqrt(ufl.dot(s, s) + 1e-20)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("law", "match"),
+    [(Weakening(), "no certified solution"), (Driving(), "limit or the dissipation is negative")],
+)
+def test_friction_that_drives(law, match):
+    model = block("hexahedron", 0.3, f"drives_{type(law).__name__}_")
+    contact = ff.Contact(model.contact.surface, model.contact.obstacle, law)
+    problem = ff.FrictionalContactProblem(
+        model.problem.bulk,
+        model.problem.u,
+        contact=contact,
+        bcs=model.problem.bcs,
+        petsc_options_prefix=f"law_{type(law).__name__}_",
+    )
+    model.move(0.0, 0.0, -0.01)
+    with pytest.raises(ff.StepFailed, match=match):
+        problem.solve()
+        model.move(0.05, 0.0, -0.01)
+        problem.solve()
