@@ -12,6 +12,7 @@ import fenicsx_friction as ff
 from bodies import stack
 from models import block, tagged_facets
 
+pytestmark = pytest.mark.mpi
 PRESSED = -0.01
 
 
@@ -179,7 +180,6 @@ def test_friction_of_another_mesh():
         pressed_block(friction=friction)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_a_folded_mesh(cell):
     def fold(msh):
