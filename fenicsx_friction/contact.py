@@ -210,6 +210,8 @@ class Contact:
         n, d = self.surface.num_owned, self.surface.mesh.geometry.dim
         values = self._evaluate()
         own = None if self._own_row is None else np.linalg.norm(self._own_row(), axis=1)
+        if self.obstacle.lost is not None:
+            values[self.obstacle.lost, 0] = np.nan  # never certified
         return NodalState(
             gap=values[:, 0],
             slip=values[:, 1:d],

@@ -48,6 +48,7 @@ class DeformableObstacle(Obstacle):
         pairs: The face of each owned node of the secondary surface.
         faces: The faces of the primary surface on all ranks.
         version: Changes with the pairs.
+        lost: Owned nodes whose projection on their face was not found, at the last update.
     """
 
     deformable = True
@@ -261,7 +262,9 @@ class DeformableObstacle(Obstacle):
         # displacements only, to the last bit.
         start = self.pairs.xi
         xi = project(self.faces.cell, around[:, : self.faces.cell.nodes], x, start)
-        xi = np.where(np.isfinite(xi), xi, start)
+        found = np.all(np.isfinite(xi), axis=1)
+        self.lost = self.pairs.paired & ~found
+        xi = np.where(found[:, None], xi, start)
         z = np.concatenate([x[:, None], around], axis=1)
         hint = self._hint.x.array.reshape(-1, self._d)[: len(x)]
         return PairGeometry(z, xi, self._old_weights, hint)

@@ -11,6 +11,8 @@ import numpy.typing as npt
 Array = npt.NDArray[np.floating]
 #: Newton iterations of the projection, and its tolerance in reference coordinates.
 MAX_IT, TOLERANCE = 25, 1e-14
+#: A projection whose last step was longer has not been found.
+CONVERGED = 1e-9
 
 
 class FaceCell(ABC):
@@ -182,10 +184,11 @@ def project(cell: FaceCell, face: Array, x: Array, start: Array | None = None) -
         for _ in range(MAX_IT):
             new = np.stack(newton_step(cell, list(xi.T), nodes, x.T, _dot), axis=1)
             new = xi + np.clip(new - xi, -1.0, 1.0)
-            done = np.max(abs(new - xi), initial=0.0, where=np.isfinite(new)) < TOLERANCE
+            moved = np.max(abs(new - xi), axis=1, initial=0.0)
             xi = new
-            if done:
+            if np.max(moved, initial=0.0, where=np.isfinite(moved)) < TOLERANCE:
                 break
+        xi[moved > CONVERGED] = np.nan
     return xi
 
 

@@ -65,10 +65,12 @@ class Obstacle(ABC):
     Attributes:
         motion: A rigid motion that the user sets, if any.
         deformable: Whether the kinematics depend on the displacement of other nodes.
+        lost: Owned nodes whose gap is not known at the present displacement, if any.
     """
 
     motion: RigidMotion | None = None
     deformable = False
+    lost: npt.NDArray[np.bool_] | None = None
 
     def view(self, contact: Contact, u: fem.Function) -> View:
         """Return how the obstacle looks at the surface; collective.

@@ -1,0 +1,118 @@
+"""What a contact tells after a step, and what a failed constructor leaves behind."""
+
+import numpy as np
+import pytest
+
+import fenicsx_friction as ff
+from bodies import stack
+from fenicsx_friction import deformable
+from fenicsx_friction.face_cells import FACE_CELLS, project
+from models import block
+
+
+def again(model, contact, prefix, sign=1.0, **options):
+    """Make another problem of a model's body with a contact."""
+    problem = model.problem
+    return ff.FrictionalContactProblem(
+        sign * problem.bulk,
+        problem.u,
+        contact=contact,
+        bcs=problem.bcs,
+        petsc_options_prefix=prefix,
+        **options,
+    )
+
+
+@pytest.mark.mpi
+def test_nodal_values_after_a_step_are_those_accepted():
+    """Evaluated anew they would have no slip, and slipping nodes be on the edge of sticking."""
+    model = block("hexahedron", 0.3, "accepted_")
+    for move in ((0.0, 0.0, -0.01), (0.02, 0.01, -0.01)):
+        model.move(*move)
+        report = model.problem.solve()
+    nodal = model.contact.nodal()
+    assert nodal is model.problem.accepted[0]
+    counts = model.problem.comm.allreduce(np.bincount(nodal.states(), minlength=3))
+    totals = report.contacts[0]
+    assert counts.tolist() == [totals.open, totals.stick, totals.slip]
+    assert totals.slip > 0
+    assert not np.any(model.contact.present().slip)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", ["rigid", "deformable"])
+def test_contacts_of_a_failed_constructor_are_free(kind):
+    make = {"rigid": lambda p: block("hexahedron", 0.3, p), "deformable": lambda p: stack(0.3, p)}
+    model = make[kind](f"first_{kind}_")
+    surface, obstacle = model.contact.surface, model.contact.obstacle
+    if kind == "deformable":
+        obstacle = ff.DeformableObstacle(obstacle.primary)
+    contact = ff.Contact(surface, obstacle, ff.Coulomb(0.3))
+    with pytest.raises(ff.ContactInputError, match="no positive stiffness"):
+        again(model, contact, f"wrong_{kind}_", sign=-1.0)
+    problem = again(model, contact, f"right_{kind}_")
+    model.move(0.0, 0.0, -0.01)
+    assert problem.solve().certified
+
+
+def test_a_projection_that_is_not_found_is_never_certified(monkeypatch):
+    model = stack(0.3, "lost_")
+    model.move(0.0, 0.0, -0.01)
+    assert model.problem.solve().certified
+    assert model.problem.certify().certified
+    monkeypatch.setattr(deformable, "project", lambda cell, face, x, start: np.nan * start)
+    assert not model.problem.certify().certified
+
+
+def test_projections_are_found_or_told():
+    """Far points of warped faces may have none; what is returned is a projection."""
+    rng, cell = np.random.default_rng(2), FACE_CELLS["quadrilateral"]
+    flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    face = flat + rng.normal(0.0, 0.4, (4000, 4, 3))
+    x = rng.normal(0.0, 3.0, (4000, 3))
+    xi = project(cell, face, x)
+    found = np.all(np.isfinite(xi), axis=1)
+    assert 0 < np.sum(~found) < 2000
+    a, b = xi[found].T
+    weights = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], axis=1)
+    away = x[found] - np.einsum("ni,nid->nd", weights, face[found])
+    for slopes in ([b - 1, 1 - b, -b, b], [a - 1, -a, 1 - a, a]):
+        tangent = np.einsum("in,nid->nd", np.array(slopes), face[found])
+        size = np.linalg.norm(tangent, axis=1) * (1.0 + np.linalg.norm(away, axis=1))
+        assert np.max(abs(np.sum(tangent * away, axis=1)) / size) < 1e-6
+
+
+@pytest.mark.mpi
+def test_settings_are_live_or_refused():
+    model = block("hexahedron", 0.3, "live_")
+    model.problem.settings = ff.StepSettings(corrector="ramp", ramp_sign=1, ramp_nodes="all")
+    model.move(0.02, 0.0, -0.01)
+    report = model.problem.solve()
+    assert "slip" in {s.name for s in report.substeps}
+    assert float(model.problem._ramp_sign.value) == 1.0
+    with pytest.raises(ff.ContactInputError, match="normal"):
+        model.problem.settings = ff.StepSettings(normal="min")
+    with pytest.raises(ff.ContactInputError, match="settings"):
+        model.problem.settings = {"corrector": "ramp"}
+
+
+@pytest.mark.mpi
+def test_problems_of_one_prefix_keep_their_options_apart():
+    models = [block("hexahedron", 0.3, "same_") for _ in range(2)]
+    problems = []
+    for model, option in zip(models, (77, 33), strict=True):
+        contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.3))
+        options = {"mat_mumps_icntl_14": option}
+        problems.append(again(model, contact, "same_", petsc_options=options))
+    for model, problem in zip(models, problems, strict=True):
+        model.move(0.0, 0.0, -0.01)
+        assert problem.solve().certified
+    found = []
+    for problem in problems:
+        pc = problem.projection.problem.solver.getKSP().getPC()
+        found.append(pc.getFactorMatrix().getMumpsIcntl(14))
+    assert found == [77, 33]
+    contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.3))
+    wrong = again(model, contact, "wrong_", petsc_options={"snes_linesearch_type": "nonsense"})
+    with pytest.raises(ff.ContactInputError, match=r"PETSc refuses the petsc_options"):
+        wrong.solve()
