@@ -13,6 +13,7 @@ from mpi4py import MPI
 import numpy as np
 
 from . import state
+from .contact_checks import check_normals
 from .correctors import FALLBACKS, Attempt, correct, newton_tolerance, polish
 from .diagnosis import explain
 from .errors import ContactInputError, StepFailed
@@ -95,6 +96,8 @@ def _check(problem: FrictionalContactProblem, unbalanced: float) -> None:
     for k in problem.contacts:
         k.check_friction()
     if not np.isfinite(unbalanced):
+        for k in problem.contacts:
+            check_normals(k)  # an obstacle that has moved may have none at some node now
         raise ContactInputError(
             f"The residual at the start of step {problem.num_steps + 1} is {unbalanced}: look for "
             "NaN in loads, boundary values and material fields, and for inverted cells."
