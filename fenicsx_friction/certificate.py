@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .bodies import Groups
-from .scales import RESOLVED, Scales
+from .scales import Scales, coarsest
 
 Array = npt.NDArray[np.floating]
 OPEN, STICK, SLIP = 0, 1, 2
@@ -106,6 +106,7 @@ class Certificate:
         pushed: How far conditions push held nodes into an obstacle (m), beyond how they started.
         resolution: The relative accuracy that rounding permits for the faintest body or contact
             that carries forces. Where it is coarser than the tolerance, it takes its place.
+        excess: The largest residual in units of what tolerance and rounding allow.
         traction_scale: The largest traction (Pa).
         force_scale: The largest force (N).
         tolerance: Relative tolerance of :attr:`certified`.
@@ -130,6 +131,7 @@ class Certificate:
     boundary: float
     pushed: float
     resolution: float
+    excess: float
     traction_scale: float
     force_scale: float
     tolerance: float
@@ -146,13 +148,13 @@ class Certificate:
     @property
     def resolved(self) -> bool:
         """Whether rounding leaves digits to all bodies and contacts that carry forces."""
-        return bool(self.resolution <= RESOLVED)
+        return bool(self.resolution <= coarsest(self.tolerance))
 
     @property
     def solved(self) -> bool:
         """Whether all residuals are small, can be told from rounding, and no body went through."""
-        stays_outside = self.pushed <= 0.0 and self.crossed == 0
-        return bool(self.relative <= self.tolerance and self.resolved and stays_outside)
+        small = self.excess <= 1.0 and self.boundary <= self.tolerance
+        return bool(small and self.resolved and self.pushed <= 0.0 and self.crossed == 0)
 
     @property
     def certified(self) -> bool:
@@ -215,25 +217,31 @@ def certify(
     largest: dict[str, Any] = {
         name: np.max(row, initial=0.0).item() for name, row in values.items()
     }
-    allowed = scales.allowed(tolerance) / tolerance
     bodies = worst.shape[1] // max(len(states), 1)
-    equations = np.r_[0:bodies, bodies + worst.shape[1] : len(allowed)]
-    tractions = allowed[bodies : bodies + worst.shape[1]]
-    slip, elastic = worst[len(NODAL) :]
-    power = tractions * (slip + elastic)
+    contacts = slice(bodies, bodies + worst.shape[1])
+    equations = np.r_[0:bodies, contacts.stop : len(scales.largest)]
+
+    def relative(sizes: Array) -> list[float]:
+        """Return natural map, residual of the equations and negative friction over sizes."""
+        tractions = sizes[contacts]
+        maps = np.maximum(values["normal_map"], values["tangential_map"])
+        power = tractions * (worst[-2] + worst[-1])
+        negative = [_worst(values["negative_limit"], tractions)]
+        negative.append(_worst(values["negative_dissipation"], power))
+        return [_worst(maps, tractions), _worst(unbalanced, sizes[equations]), max(negative)]
+
+    natural_map, missing, unphysical = relative(scales.reference(tolerance))
     return Certificate(
         **largest,
         equilibrium=float(np.max(unbalanced[:bodies], initial=0.0)),
-        natural_map=_worst(np.maximum(values["normal_map"], values["tangential_map"]), tractions),
-        unbalanced=_worst(unbalanced, allowed[equations]),
-        unphysical=max(
-            _worst(values["negative_limit"], tractions),
-            _worst(values["negative_dissipation"], power),
-        ),
+        natural_map=natural_map,
+        unbalanced=missing,
+        unphysical=unphysical,
         boundary=boundary,
         pushed=pushed,
         resolution=float(np.max(scales.resolution(tolerance), initial=0.0)),
-        traction_scale=float(np.max(scales.largest[bodies : bodies + worst.shape[1]], initial=0.0)),
+        excess=float(np.max(relative(scales.allowed(tolerance)))),  # hands NaN on
+        traction_scale=float(np.max(scales.largest[contacts], initial=0.0)),
         force_scale=float(np.max(scales.largest[:bodies], initial=0.0)),
         tolerance=tolerance,
         certifiable=all(state.own_map is None for state in states),

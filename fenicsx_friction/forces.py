@@ -175,13 +175,12 @@ class ForceScales:
         """Number the groups of bodies that may meet each other; the group of each body."""
         links = [np.column_stack([np.arange(self.number)] * 2)]
         for k, secondary in zip(self._contacts, self._bodies, strict=True):
-            meets = [np.unique(secondary)]
             if isinstance(k.obstacle, DeformableObstacle):
                 primary = k.obstacle.primary
                 dofs = primary.parent_dofs(self._u.function_space)[: primary.num_owned]
-                meets.append(np.unique(body[dofs]))
-            found = np.concatenate(self._comm.allgather(np.concatenate(meets)))
-            links.append(np.column_stack([np.full_like(found, found[0]), found]))
+                meets = np.unique(np.concatenate([secondary, body[dofs]]))
+                found = np.concatenate(self._comm.allgather(meets))
+                links.append(np.column_stack([np.full_like(found, found[0]), found]))
         a, b = np.concatenate(links).T
         return connected(self.number, a, b)[1]
 

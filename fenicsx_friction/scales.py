@@ -14,10 +14,16 @@ import numpy.typing as npt
 Array = npt.NDArray[np.floating]
 #: Rounding errors of a force, in units of the last digit of stiffness times displacement.
 DIGITS = 16.0 * float(np.finfo(float).eps)
-#: Forces of which rounding hides more than this fraction are not resolved.
-RESOLVED = 1e-6
+#: Rounding may take this multiple of the tolerance, and this fraction of a force, in its place;
+#: forces of which it hides more are not resolved.
+COARSER, COARSEST = 1e3, 1e-4
 #: What a contact must carry to set a scale, as a fraction of the forces of its body.
 FAINT = 1e-4
+
+
+def coarsest(tolerance: float) -> float:
+    """Return the relative accuracy that may take the place of a tolerance, where rounding does."""
+    return min(COARSER * tolerance, COARSEST)
 
 
 @dataclass(frozen=True)
@@ -44,10 +50,15 @@ class Scales:
 
     def allowed(self, tolerance: float, share: float = 1.0) -> Array:
         """Return the residuals that a relative tolerance allows, and a share of what is hidden."""
-        rounding = np.minimum(share * self.hidden, RESOLVED * self.largest)
+        rounding = np.minimum(share * self.hidden, coarsest(tolerance) * self.largest)
         loud = np.maximum(tolerance * self.largest, rounding)
         quiet = np.maximum(tolerance * self.before, share * self.given)
         return np.asarray(np.where(self.quiet(tolerance), quiet, loud))
+
+    def reference(self, tolerance: float) -> Array:
+        """Return what residuals are told relative to."""
+        quiet = self.allowed(tolerance) / tolerance
+        return np.asarray(np.where(self.quiet(tolerance), quiet, self.largest))
 
     def resolution(self, tolerance: float) -> Array:
         """Return the relative accuracy that rounding permits, 0 where nothing acts."""
