@@ -50,6 +50,7 @@ class ForceScales:
     Attributes:
         number: Number of bodies.
         surfaces: Groups the owned nodes of each contact, by body.
+        contact_nodes: Number of nodes of all contacts.
         held_rows: The owned rows of the system that are conditions.
         row_factors: What makes a force of each owned row: a stiffness at the conditions, else one.
     """
@@ -76,6 +77,7 @@ class ForceScales:
         self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
         self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
         self._linked = self._link(body)
+        self.contact_nodes = self._comm.allreduce(sum(len(n) for n in self._bodies), MPI.SUM)
         self.begin()
 
     def begin(self) -> None:

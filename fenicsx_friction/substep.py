@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -42,7 +43,8 @@ DEFAULT_OPTIONS: dict[str, object] = {
 ROUNDING = 1e-8
 #: A residual that returns to this relative accuracy within 15 iterations is a cycle.
 CYCLE = 1e-6
-#: So many full Newton steps without a smaller residual are a cycle, too.
+#: So many full Newton steps without a smaller residual are a cycle, too, and as many as the square
+#: root of the number of contact nodes: on fine meshes, fronts of slip move by a few nodes a step.
 STALLED = 8
 
 
@@ -293,7 +295,8 @@ class Substep:
         stagnates = it > 0 and norm >= 0.5 * self._history[-2]
         if stagnates and self._scales.excess(rows, max(ROUNDING, self._tolerance)) <= 1.0:
             return reason.CONVERGED_SNORM_RELATIVE
-        recent, before = self._history[-STALLED:], self._history[:-STALLED]
+        patience = max(STALLED, math.isqrt(self._scales.contact_nodes))
+        recent, before = self._history[-patience:], self._history[:-patience]
         self._cycled = any(abs(norm - old) <= CYCLE * norm for old in self._history[-16:-2])
         # A line search decreases the residual, if slowly; full steps should not need to wait.
         full_steps = snes.getLineSearch().getType() == PETSc.SNESLineSearch.Type.BASIC
