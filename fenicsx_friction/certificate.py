@@ -167,7 +167,7 @@ class Certificate:
         return entries | {"relative": self.relative, "certified": self.certified}
 
 
-#: Rows of :func:`_violations`, by the names of the certificate, and two lengths (m).
+#: Rows of :func:`_violations`, by the names of the certificate, and three lengths (m).
 NODAL = (
     "normal_map",
     "tangential_map",
@@ -187,7 +187,7 @@ def certify(
     *,
     surfaces: Sequence[Groups],
     scales: Scales,
-    unbalanced: Array,
+    unbalanced: tuple[Array, Array],
     boundary: float,
     pushed: float,
     tolerance: float,
@@ -200,7 +200,8 @@ def certify(
         surfaces: Groups the nodes of each contact by body.
         scales: Scales of all bodies (N), then of the bodies of each contact (Pa), then of further
             equations (N).
-        unbalanced: Largest residual of each body and further equation (N), equal on all ranks.
+        unbalanced: Largest residual of each body and further equation (N), and over the stiffness
+            of its own dof (m), equal on all ranks.
         boundary: Relative distance from prescribed values, equal on all ranks.
         pushed: How far conditions push held nodes into an obstacle (m), equal on all ranks.
         tolerance: Relative tolerance.
@@ -217,31 +218,32 @@ def certify(
     largest: dict[str, Any] = {
         name: np.max(row, initial=0.0).item() for name, row in values.items()
     }
-    bodies = worst.shape[1] // max(len(states), 1)
-    contacts = slice(bodies, bodies + worst.shape[1])
-    equations = np.r_[0:bodies, contacts.stop : len(scales.largest)]
-
-    def relative(sizes: Array) -> list[float]:
-        """Return natural map, residual of the equations and negative friction over sizes."""
-        tractions = sizes[contacts]
-        maps = np.maximum(values["normal_map"], values["tangential_map"])
-        power = tractions * (worst[-2] + worst[-1])
-        negative = [_worst(values["negative_limit"], tractions)]
-        negative.append(_worst(values["negative_dissipation"], power))
-        return [_worst(maps, tractions), _worst(unbalanced, sizes[equations]), max(negative)]
-
-    natural_map, missing, unphysical = relative(scales.reference(tolerance))
+    number = worst.shape[1]
+    bodies = number // max(len(states), 1)
+    contacts = slice(bodies, bodies + number)
+    maps = np.maximum(values["normal_map"], values["tangential_map"])
+    slip, elastic, distance = worst[len(NODAL) :]
+    residual, apart = (
+        np.insert(a, bodies, b) for a, b in zip(unbalanced, (maps, distance), strict=True)
+    )
+    relative = scales.relative(residual, apart, tolerance)
+    loud = ~scales.quiet(tolerance)[contacts]
+    tractions = scales.largest[contacts]
+    negative = _worst(values["negative_limit"][loud], tractions[loud])
+    power = (tractions * (slip + elastic))[loud]
+    unphysical = max(negative, _worst(values["negative_dissipation"][loud], power))
+    excess = np.append(scales.excess(residual, apart, tolerance), unphysical / tolerance)
     return Certificate(
         **largest,
-        equilibrium=float(np.max(unbalanced[:bodies], initial=0.0)),
-        natural_map=natural_map,
-        unbalanced=missing,
+        equilibrium=float(np.max(unbalanced[0][:bodies], initial=0.0)),
+        natural_map=float(np.max(relative[contacts], initial=0.0)),
+        unbalanced=float(np.max(np.delete(relative, contacts), initial=0.0)),
         unphysical=unphysical,
         boundary=boundary,
         pushed=pushed,
         resolution=float(np.max(scales.resolution(tolerance), initial=0.0)),
-        excess=float(np.max(relative(scales.allowed(tolerance)))),  # hands NaN on
-        traction_scale=float(np.max(scales.largest[contacts], initial=0.0)),
+        excess=float(np.max(excess)),
+        traction_scale=float(np.max(tractions, initial=0.0)),
         force_scale=float(np.max(scales.largest[:bodies], initial=0.0)),
         tolerance=tolerance,
         certifiable=all(state.own_map is None for state in states),
@@ -249,7 +251,7 @@ def certify(
 
 
 def _violations(state: NodalState) -> Array:
-    """Return how far each node is from each condition, then slip and elastic length (m)."""
+    """Return how far each node is from each condition, then slip, elastic length and map (m)."""
     c_n, c_t = state.c[:, 0], np.linalg.norm(state.c[:, 1:], axis=1)
     slip, part = np.linalg.norm(state.slip, axis=1), state.takes_part
     power = np.einsum("ij,ij->i", state.c[:, 1:], state.slip)
@@ -268,6 +270,7 @@ def _violations(state: NodalState) -> Array:
         power * part,
         slip * part,
         np.hypot(c_n, c_t) / state.r,
+        np.maximum(normal, tangential) / state.r,
     ]
     return np.stack(rows)
 

@@ -89,18 +89,25 @@ class ForceScales:
             np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs))) for f in self._unknowns
         ]
         given = self._over_ranks(self._all.largest(there[0][: len(self._stiffness)]))
-        # Bodies that meet hand each other the rounding of their forces.
-        noise = DIGITS * self._stiffest * given
-        self._given = np.array([np.max(noise[self._linked == part]) for part in self._linked])
+        # Bodies that meet hand each other the rounding of their forces and displacements.
+        noise = DIGITS * np.stack([self._stiffest * given, given])
+        linked = [np.max(noise[:, self._linked == part], axis=1) for part in self._linked]
+        self._given, self._length = np.transpose(linked)
         values = np.array([np.max(values, initial=0.0) for values in there])
         self._values = self._over_ranks(values)
 
-    def residuals(self, *blocks: Array) -> Array:
-        """Return the largest residual of each group, of the owned rows of some first blocks."""
+    def residuals(self, *blocks: Array) -> tuple[Array, Array]:
+        """Return the largest residual of each group (N or Pa), and over the stiffness (m).
+
+        Args:
+            blocks: The owned rows of some first blocks of the system.
+        """
         rows = np.zeros(len(self._weights))
         given = np.concatenate(blocks)
         rows[: len(given)] = abs(given)
-        return self._over_ranks(self._rows.largest(rows * self._weights))
+        largest = [self._rows.largest(rows * w) for w in (self._weights, self._compliances)]
+        residual, distance = self._over_ranks(np.stack(largest))
+        return residual, distance
 
     def excess(self, rows: Array, tolerance: float) -> float:
         """Return the largest residual in units of what a relative tolerance allows.
@@ -115,12 +122,10 @@ class ForceScales:
         found = self.residuals(rows)
         contacts = slice(self.number, self.number * (1 + len(self._contacts)))
         for reactions in (False, True):  # they cost an assembly
-            allowed = self.scales(reactions=reactions).allowed(tolerance, SHARE)
-            ratio = np.where(found > 0.0, np.inf, 0.0)
-            ratio = np.divide(found, allowed, out=ratio, where=allowed > 0.0)
-            if np.max(ratio) <= 1.0 or np.max(ratio[contacts], initial=0.0) > 1.0:
+            excess = self.scales(reactions=reactions).excess(*found, tolerance, SHARE)
+            if np.max(excess) <= 1.0 or np.max(excess[contacts], initial=0.0) > 1.0:
                 break
-        return float(np.max(ratio))
+        return float(np.max(excess))
 
     def scales(self, *, reactions: bool = True) -> Scales:
         """Measure all groups, with or without the reactions at held dofs."""
@@ -130,7 +135,7 @@ class ForceScales:
         u = self._u.x.array[: len(self._stiffness)]
         local = np.stack([largest, DIGITS * self._all.largest(self._stiffness * abs(u))])
         forces, hidden = self._over_ranks(local)
-        bodies = Scales(forces, self._forces, hidden, self._given)
+        bodies = Scales(forces, self._forces, hidden, self._given, self._length)
         tractions = self._by_contact(self._traction_lengths())
         unresolved = DIGITS * self._by_contact([k.stiffness_traction() for k in self._contacts])
         each = len(self._contacts)
@@ -140,6 +145,7 @@ class ForceScales:
             np.maximum(self._tractions, faint),
             unresolved,
             np.tile(self._given, each) * self._per_area,
+            np.tile(self._length, each),
         )
         return _joined(bodies, contacts, self._others)
 
@@ -148,26 +154,29 @@ class ForceScales:
         fixed = [_fixed(f, self._bcs) for f in self._unknowns]
         self._all = Groups(bodies, self.number)
         self._held = Groups(np.where(fixed[0], bodies, -1), self.number)
+        typical = float(self._over_ranks(np.array([np.max(self._stiffness, initial=0.0)]))[0])
+        stiffness = np.where(self._stiffness > 0.0, self._stiffness, typical)
         labels, weights = [np.where(fixed[0], -1, bodies)], [np.ones(len(bodies))]
+        compliances = [1.0 / stiffness]
         first = self.number * (1 + len(self._contacts))
         for i, (held, unit) in enumerate(zip(fixed[1:], units, strict=True)):
             labels.append(np.where(held, -1, first + i))
             weights.append(np.full(len(held), unit))
+            compliances.append(np.full(len(held), np.inf if typical == 0.0 else unit / typical))
         d = self._u.function_space.mesh.geometry.dim
         for i, (k, body) in enumerate(zip(self._contacts, self._bodies, strict=True)):
             labels.append(np.repeat(self.number * (1 + i) + body, d))
             weights.append(np.repeat(1.0 / k.nodal_area(), d))
+            compliances.append(weights[-1] / np.repeat(k.nodal_scale(), d))
         self._rows = Groups(np.concatenate(labels), first + self._others)
-        self._weights = np.concatenate(weights)
+        self._weights, self._compliances = np.concatenate(weights), np.concatenate(compliances)
         conditions = np.full(len(self._weights), -1)
         unknown = np.repeat(np.arange(len(fixed)), [len(held) for held in fixed])
         held = np.concatenate(fixed)
         conditions[: len(held)] = np.where(held, unknown, -1)
         self._conditions = Groups(conditions, len(fixed))
         self.held_rows = np.flatnonzero(held)
-        typical = float(self._over_ranks(np.array([np.max(self._stiffness, initial=0.0)]))[0])
         self.row_factors = np.ones(len(self._weights))
-        stiffness = np.where(self._stiffness > 0.0, self._stiffness, typical)
         own = self.held_rows[self.held_rows < len(bodies)]
         self.row_factors[own] = stiffness[own]
         others = self.held_rows[self.held_rows >= len(bodies)]

@@ -254,14 +254,15 @@ class FrictionalContactProblem:
         states = self.nodal_states()
         others = [assemble_owned(form) for form in self._other_forms]
         found = self.scales.residuals(self.assemble_momentum(), *others)
-        equations = np.r_[0 : self.scales.number, len(found) - len(others) : len(found)]
+        size = len(found[0])
+        equations = np.r_[0 : self.scales.number, size - len(others) : size]
         pushed = max(k.pushed(s) for k, s in zip(self.contacts, states, strict=True))
         return certify(
             self.comm,
             states,
             surfaces=self.scales.surfaces,
             scales=self.scales.scales(),
-            unbalanced=found[equations],
+            unbalanced=(found[0][equations], found[1][equations]),
             boundary=self._missed_boundary_values(),
             pushed=self.comm.allreduce(pushed, MPI.MAX),
             tolerance=self.settings.tolerance,

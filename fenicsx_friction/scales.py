@@ -36,32 +36,54 @@ class Scales:
             ``FAINT`` of the forces of their body.
         hidden: What rounding hides at the present displacements.
         given: What rounding hides at displacements that are no result: those of the last step and
-            the prescribed ones.
+            the prescribed ones, of all bodies that meet.
+        length: Rounding of these displacements (m).
     """
 
     largest: Array
     before: Array
     hidden: Array
     given: Array
+    length: Array
 
     def quiet(self, tolerance: float) -> npt.NDArray[np.bool_]:
         """Tell where nothing acts but what rounding and the tolerance leave of other forces."""
         return np.asarray(self.largest <= np.maximum(self.given, tolerance * self.before))
 
-    def allowed(self, tolerance: float, share: float = 1.0) -> Array:
-        """Return the residuals that a relative tolerance allows, and a share of what is hidden."""
-        rounding = np.minimum(share * self.hidden, coarsest(tolerance) * self.largest)
-        loud = np.maximum(tolerance * self.largest, rounding)
-        quiet = np.maximum(tolerance * self.before, share * self.given)
-        return np.asarray(np.where(self.quiet(tolerance), quiet, loud))
+    def excess(
+        self, residual: Array, distance: Array, tolerance: float, share: float = 1.0
+    ) -> Array:
+        """Return the residuals in units of what tolerance and rounding allow.
 
-    def reference(self, tolerance: float) -> Array:
-        """Return what residuals are told relative to."""
-        quiet = self.allowed(tolerance) / tolerance
-        return np.asarray(np.where(self.quiet(tolerance), quiet, self.largest))
+        Where nothing acts, a residual may be what the tolerance leaves of the forces before, or
+        what the rounding of a displacement makes by the stiffness of its own node: the stiffness of
+        other nodes is no excuse.
+
+        Args:
+            residual: Largest residual of each group (N or Pa).
+            distance: Largest residual over the stiffness of its own node (m).
+            tolerance: Relative tolerance.
+            share: The part of what rounding hides that is allowed.
+        """
+        rounding = np.minimum(share * self.hidden, coarsest(tolerance) * self.largest)
+        loud = _ratio(residual, np.maximum(tolerance * self.largest, rounding))
+        before = _ratio(residual, tolerance * self.before)
+        quiet = np.minimum(before, _ratio(distance, share * self.length))
+        return np.where(self.quiet(tolerance), quiet, loud)
+
+    def relative(self, residual: Array, distance: Array, tolerance: float) -> Array:
+        """Return the residuals over the forces; where nothing acts, as the tolerance sees them."""
+        quiet = tolerance * self.excess(residual, distance, tolerance)
+        return np.where(self.quiet(tolerance), quiet, _ratio(residual, self.largest))
 
     def resolution(self, tolerance: float) -> Array:
         """Return the relative accuracy that rounding permits, 0 where nothing acts."""
         loud = ~self.quiet(tolerance)
         ratio = np.zeros_like(self.largest)
         return np.divide(self.hidden, self.largest, out=ratio, where=loud)
+
+
+def _ratio(values: Array, scales: Array) -> Array:
+    """Return ratios: 0 of nothing, infinite of something to nothing; what is no number stays."""
+    ratio = np.where(values == 0.0, 0.0, np.where(np.isnan(values), np.nan, np.inf))
+    return np.divide(values, scales, out=ratio, where=(scales > 0.0) & np.isfinite(scales))

@@ -36,7 +36,7 @@ def at_pressure(state: NodalState) -> NodalState:
 def scales(**options) -> Scales:
     """One body under a force of 1 N and its contact, whose largest traction is that of solved()."""
     sizes = {"largest": [1.0, np.hypot(4.0, 2.0)], "before": [0.0] * 2, "hidden": [0.0] * 2}
-    sizes |= {"given": [0.0] * 2} | options
+    sizes |= {"given": [0.0] * 2, "length": [0.0] * 2} | options
     return Scales(**{name: np.array(values) for name, values in sizes.items()})
 
 
@@ -47,7 +47,7 @@ def certificate(state: NodalState, *, equilibrium=0.0, sizes=None, **options):
         [state],
         surfaces=[Groups(np.zeros(len(state.gap), dtype=int), 1)],
         scales=sizes or scales(),
-        unbalanced=np.array([equilibrium]),
+        unbalanced=(np.array([equilibrium]), np.zeros(1)),
         **options,
     )
 
@@ -118,16 +118,20 @@ def test_each_body_is_measured_by_its_own_forces():
     state, group = solved(), [Groups(np.array([0, 0, 1]), 2)]
     options = {"surfaces": group, "boundary": 0.0, "pushed": 0.0, "tolerance": 1e-9}
     largest = np.array([1e12, 1.0, 1e12, 4.5])
-    sizes = Scales(largest, *(np.zeros(4) for _ in range(3)))
+    sizes = Scales(largest, *(np.zeros(4) for _ in range(4)))
     for unbalanced, good in (([1e2, 1e-10], True), ([1e2, 1e-8], False), ([1e4, 0.0], False)):
         result = certify(
-            MPI.COMM_SELF, [state], scales=sizes, unbalanced=np.array(unbalanced), **options
+            MPI.COMM_SELF,
+            [state],
+            scales=sizes,
+            unbalanced=(np.array(unbalanced), np.zeros(2)),
+            **options,
         )
         assert result.certified == good
     c = state.c.copy()
     c[2, 1] += 1e-6
     wrong = certify(
-        MPI.COMM_SELF, [replace(state, c=c)], scales=sizes, unbalanced=np.zeros(2), **options
+        MPI.COMM_SELF, [replace(state, c=c)], scales=sizes, unbalanced=(np.zeros(2),) * 2, **options
     )
     assert not wrong.certified
 
@@ -145,10 +149,11 @@ def test_forces_that_rounding_hides_are_not_certified():
 def test_nothing_but_rounding_is_no_contact():
     """Tractions below what rounding leaves of given displacements are none."""
     state = solved()
-    noise = replace(state, c=1e-17 * state.c, slip=0.0 * state.slip, gap=0.0 * state.gap)
-    sizes = scales(largest=[1.0, 5e-17], hidden=[0.0, 1e-15], given=[0.0, 1e-15])
-    assert certificate(noise, sizes=sizes).certified
-    assert not certificate(noise, sizes=scales(largest=[1.0, 5e-17], hidden=[0, 1e-15])).certified
+    noise = replace(state, c=1e-17 * state.c, slip=0.0 * state.slip, gap=np.full(3, 1e-19))
+    faint = {"largest": [1.0, 5e-17], "hidden": [0.0, 1e-15], "given": [0.0, 1e-15]}
+    assert certificate(noise, sizes=scales(**faint, length=[0.0, 1e-17])).certified
+    assert not certificate(noise, sizes=scales(**faint, length=[0.0, 1e-20])).certified
+    assert not certificate(noise, sizes=scales(**faint | {"given": [0.0, 0.0]})).certified
 
 
 def test_negative_limits_and_dissipation_are_not_certified():
