@@ -77,7 +77,8 @@ def crowned(dim, prefix, *, E, nu, radius, a, n, far, growth, full_x):
     above = np.zeros(len(X), dtype=bool)
     cells = msh.geometry.dofmaps[0]
     above[cells[X[cells][:, :, last].mean(axis=1) > 0.0].ravel()] = True
-    tip = np.sum(X[:, :last] ** 2, axis=1) / (2.0 * radius)
+    # Flat far outside: a paraboloid as wide as the blocks would be deeper than they are.
+    tip = np.minimum(np.sum(X[:, :last] ** 2, axis=1), (0.65 * size) ** 2) / (2.0 * radius)
     X[:, last] += np.where(above, 1.0, -1.0) * tip * (1.0 - abs(X[:, last]) / size)
     V = fem.functionspace(msh, ("Lagrange", 1, (dim,)))
     u, v = fem.Function(V, name="u"), ufl.TestFunction(V)
