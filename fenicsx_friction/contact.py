@@ -25,6 +25,8 @@ from .validators import instance, number
 FALSE_ROOT = 1e-6
 #: A node touches at gaps below this fraction of its facets' size.
 TOUCH = 1e-8
+#: The scale is that of the primary surface from this ratio on.
+MUCH_SOFTER = 0.1
 #: Sine of the angle between a held direction and the tangent plane that passes for rounding, and
 #: for the facets of a curved surface.
 OBLIQUE, OBLIQUE_FACES = 1e-6, 0.3
@@ -360,8 +362,11 @@ class Contact:
         """Set the scales at each node from the diagonal of the bulk stiffness (N/m)."""
         V = stiffness_diagonal.function_space
         bs = V.dofmap.index_map_bs
-        diagonal = stiffness_diagonal.x.array.reshape(-1, bs)[self.parent_dofs].mean(axis=1)
-        self.scale.x.array[:] = diagonal / self.surface.area.x.array
+        diagonal = stiffness_diagonal.x.array.reshape(-1, bs).mean(axis=1)
+        scale = diagonal[self.parent_dofs] / self.surface.area.x.array
+        # A stiff body follows a soft one: the softer decides what a gap is worth.
+        softer = self.obstacle.stiffness(diagonal, V)
+        self.scale.x.array[:] = np.where(softer < MUCH_SOFTER * scale, softer, scale)
         self.scale.x.scatter_forward()
         self.r.x.array[:] = self.scale.x.array if self._r_p is None else self._r_p
 

@@ -102,6 +102,12 @@ class DeformableObstacle(Obstacle):
         slip = ufl.as_vector([ufl.dot(e, way) for e in tangents])
         return Kinematics(q[0], slip, normal, tangents)
 
+    def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
+        """Return the smallest stiffness over area (Pa/m) of the primary nodes; collective."""
+        n, comm = self.primary.num_owned, self.primary.mesh.comm
+        values = diagonal[self.primary.parent_dofs(V)[:n]] / self.primary.area.x.array[:n]
+        return float(comm.allreduce(float(np.min(values, initial=np.inf)), MPI.MIN))
+
     # -- pairs -----------------------------------------------------------------------------------
 
     def anchor(self) -> None:

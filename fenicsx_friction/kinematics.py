@@ -83,6 +83,15 @@ class Obstacle(ABC):
         gap = contact.gap_and_friction()[0]
         return View(cosine, gap, np.zeros_like(gap))
 
+    def stiffness(self, diagonal: npt.NDArray[np.floating], V: fem.FunctionSpace) -> float:
+        """Return the smallest stiffness over area (Pa/m) of the obstacle's nodes; collective.
+
+        Args:
+            diagonal: Mean diagonal of the bulk stiffness (N/m) at the local (blocked) dofs.
+            V: Space of the displacement.
+        """
+        return float("inf")
+
     def crossed(
         self,
         contact: Contact,

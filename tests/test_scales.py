@@ -166,3 +166,27 @@ def test_the_certificate_does_not_believe_r_p(r_p):
     force = np.array(report.contacts[0].force)
     assert force == pytest.approx(np.array(plain.contacts[0].force), rel=1e-8, abs=1e-8)
     assert report.certificate.penetration < 1e-9 * 0.01
+
+
+@pytest.mark.parametrize("ratio", [1e3, 1e6])
+def test_a_stiff_block_slides_on_a_soft_base(ratio):
+    """The secondary surface is the stiff one: its stiffness says nothing of the gap."""
+    model = stack(0.3, f"stiff{ratio:g}_", cell="quadrilateral", E=(ratio, 1.0), **FLAT)
+    for x, y in ((0.0, -0.01), (0.05, -0.01)):
+        model.move(x, y)
+        report = model.problem.solve()
+        assert report.certified
+        assert report.iterations < 60
+    tangential, normal = report.contacts[0].force
+    assert normal > 0.0
+    assert tangential == pytest.approx(-0.3 * normal, rel=0.05)  # but for the slope of the dent
+
+
+#: A block on a base of two dimensions, the base wider.
+FLAT = {
+    "upper": (5, 5),
+    "lower": (4, 4),
+    "top": ((0.1, 1.0), (0.9, 1.8)),
+    "base": ((0.0, 0.0), (1.0, 1.0)),
+    "energy": "small",
+}
