@@ -114,8 +114,6 @@ def _settle(problem: FrictionalContactProblem, attempt: Attempt) -> list[Substep
         changed = [k.obstacle.search() for k in problem.contacts]
         if not any(changed) or searched == MAX_SEARCHES - 1:
             break
-        for k in problem.contacts:
-            k.choose_frames()
         reports.append(polish(problem, attempt))
         if not reports[-1].converged:
             break
