@@ -15,9 +15,8 @@ from .errors import ContactInputError
 from .faces import check_surfaces
 from .friction import FrictionLaw, Sliding
 from .obstacles import RigidObstacle
-from .search import SearchPolicy
 from .surface import ContactSurface
-from .validators import call, instance
+from .validators import call
 
 
 def check_contact(contact: Contact, u: fem.Function) -> None:
@@ -26,9 +25,6 @@ def check_contact(contact: Contact, u: fem.Function) -> None:
     if surface.mesh is not msh:
         raise ContactInputError(f"Contact surface '{surface.name}' lies on another mesh than u.")
     if isinstance(obstacle, DeformableObstacle):
-        cure = "a ContactSurface of the other body"
-        instance(obstacle.primary, ContactSurface, "primary of a DeformableObstacle", cure)
-        instance(obstacle.policy, SearchPolicy, "search of a DeformableObstacle", "a SearchPolicy")
         check_surfaces(surface, obstacle.primary)
     if obstacle.motion is not None and obstacle.motion.mesh is not msh:
         raise ContactInputError(

@@ -87,7 +87,7 @@ def correct(
             state.restore(problem.state, start)
         reports.append(predictor)
     if attempt.corrector == "ramp":
-        reports += _ramp(problem, attempt, forces, eps)
+        reports += _ramp(problem, attempt, eps)
     reports.append(polish(problem, attempt))
     return reports
 
@@ -102,9 +102,7 @@ def polish(problem: FrictionalContactProblem, attempt: Attempt) -> SubstepReport
     )
 
 
-def _ramp(
-    problem: FrictionalContactProblem, attempt: Attempt, forces: float, eps: float
-) -> list[SubstepReport]:
+def _ramp(problem: FrictionalContactProblem, attempt: Attempt, eps: float) -> list[SubstepReport]:
     """Ramp ``xi`` of eq. (12) from 1 to 0, finer where a stage fails or leaves the cone."""
     reports: list[SubstepReport] = []
     violated_only = problem.settings.ramp_nodes == "violated"
