@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """The bodies of a mesh: its connected parts; largest values over parts."""
 
-from typing import Any
-
 from mpi4py import MPI
 
 import numpy as np
@@ -16,34 +14,32 @@ Labels = npt.NDArray[np.int64]
 
 
 def number_bodies(V: fem.FunctionSpace) -> tuple[int, Labels]:
-    """Number the bodies of a mesh, which share no dof of a continuous space; collective.
+    """Number the bodies of a mesh, which share no vertex; collective.
 
     Args:
-        V: A continuous space.
+        V: A space of the mesh, continuous or not.
 
     Returns:
-        How many there are, and the body of each local (blocked) dof, the same on any number of
-        ranks but for their order.
+        How many there are, and the body of each local (blocked) dof of the space, the same on any
+        number of ranks but for their order.
     """
-    comm, index_map, cells = V.mesh.comm, V.dofmap.index_map, V.dofmap.list
+    comm, vertices = V.mesh.comm, fem.functionspace(V.mesh, ("Lagrange", 1))
+    index_map, cells = vertices.dofmap.index_map, vertices.dofmap.list
     n = index_map.size_local + index_map.num_ghosts
     first = np.repeat(cells[:, 0], cells.shape[1] - 1)
     number, part = connected(n, first, cells[:, 1:].ravel())
     part = part + comm.scan(number) - number  # unique among all ranks
-    owner = fem.Function(fem.functionspace(V.mesh, _scalar(V)), dtype=np.float64)
+    owner = fem.Function(vertices, dtype=np.float64)
     owner.x.array[:] = part
     owner.x.scatter_forward()
     theirs = np.rint(owner.x.array).astype(np.int64)
     joints = np.concatenate(comm.allgather(np.unique(np.column_stack([part, theirs]), axis=0)))
     total = comm.allreduce(number, MPI.SUM)
     bodies, body = connected(total, joints[:, 0], joints[:, 1])
-    return bodies, body[part]
-
-
-def _scalar(V: fem.FunctionSpace) -> Any:
-    """Return the scalar element of a blocked space, whose dofs have the same numbers."""
-    element = V.ufl_element()
-    return element.sub_elements[0] if element.block_size > 1 else element
+    dofs = V.dofmap.index_map
+    result = np.zeros(dofs.size_local + dofs.num_ghosts, dtype=np.int64)
+    result[V.dofmap.list] = body[part][cells[:, :1]]
+    return bodies, result
 
 
 def connected(n: int, a: Labels, b: Labels) -> tuple[int, Labels]:

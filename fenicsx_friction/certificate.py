@@ -21,6 +21,8 @@ Array = npt.NDArray[np.floating]
 OPEN, STICK, SLIP = 0, 1, 2
 #: Limits (Pa) from here on mean permanent stick.
 UNLIMITED = 1e299
+#: More rounding than this, relative, belongs to displacements out of bounds.
+DROWNED = 1e-2
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,12 @@ class Certificate:
     def resolved(self) -> bool:
         """Whether rounding leaves digits to all bodies and contacts that carry forces."""
         return bool(self.resolution <= coarsest(self.tolerance))
+
+    @property
+    def drowned(self) -> bool:
+        """Whether what is left is rounding, but more of it than may pass."""
+        left = max(self.resolution, self.tolerance)
+        return not self.resolved and self.relative <= left <= DROWNED
 
     @property
     def solved(self) -> bool:

@@ -255,11 +255,11 @@ class Contact:
         """Return the owned nodes' traction vectors on the body in global axes (Pa)."""
         return self._traction()
 
-    def stiffness_traction(self) -> npt.NDArray[np.floating]:
-        """Return stiffness times displacement (Pa) at each owned node, which rounding goes with."""
+    def distance(self) -> npt.NDArray[np.floating]:
+        """Return how far each owned node has moved (m)."""
         n, bs = self.surface.num_owned, self._u.function_space.dofmap.index_map_bs
         u = self._u.x.array.reshape(-1, bs)[self.parent_dofs[:n]]
-        return np.asarray(self.nodal_scale() * np.linalg.norm(u, axis=1))
+        return np.asarray(np.linalg.norm(u, axis=1))
 
     def check_friction(self) -> None:
         """Raise a ContactInputError, on all ranks, unless the friction limit is ``>= 0``."""

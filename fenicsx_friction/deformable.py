@@ -95,12 +95,12 @@ class DeformableObstacle(Obstacle):
         q = self.q = ufl.variable(self.field)
         part = lambda k: ufl.as_vector([q[1 + d * k + i] for i in range(d)])  # noqa: E731
         way, normal = part(0), part(1)
-        if d == 2:
-            tangents: tuple = (ufl.as_vector([normal[1], -normal[0]]),)
-        else:
-            tangents = (part(2), ufl.cross(normal, part(2)))
-        slip = ufl.as_vector([ufl.dot(e, way) for e in tangents])
-        return Kinematics(q[0], slip, normal, tangents)
+        return Kinematics.of(q[0], way, normal, part(2) if d == 3 else normal)
+
+    def rounding(self, contact: Contact) -> Array:
+        """Return how far away from each node the nodes are that it meets (m)."""
+        self.update()
+        return np.asarray(np.max(abs(self._now.z), axis=(1, 2)) * self.pairs.paired)
 
     def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
         """Return the smallest stiffness over area (Pa/m) of the primary nodes; collective."""
@@ -261,9 +261,12 @@ class DeformableObstacle(Obstacle):
 
     def _geometry(self) -> PairGeometry:
         """Collect the current configuration of this rank's pairs; collective."""
-        face_x, own = self.faces.positions(), self._secondary.own
-        x = self._secondary.X[own] + self._u.x.array.reshape(-1, self._d)[self._nodes]
-        around = face_x[self.nodes()]
+        own, nodes = self._secondary.own, self.nodes()
+        u = self._u.x.array.reshape(-1, self._d)[self._nodes]
+        # As seen from the node: coordinates and motions of all together round nothing away.
+        around = self.faces.X[nodes] - self._secondary.X[own][:, None]
+        around += self.faces.gather_dofs(self._u.x.array)[nodes] - u[:, None]
+        x = np.zeros_like(u)
         # From the same start whatever was evaluated before: the fields depend on pairs and
         # displacements only, to the last bit.
         start = self.pairs.xi

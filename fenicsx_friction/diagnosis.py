@@ -94,10 +94,13 @@ def _advice(report: StepReport) -> list[str]:
         )
     if not certificate.resolved:
         advice.append(
-            "A body or contact carries forces too faint to be resolved beside its displacements: "
-            f"rounding leaves {certificate.resolution:.0e} of them."
+            "A body or contact carries forces too faint to be resolved: the rounding of its "
+            f"displacements, coordinates and stresses leaves {certificate.resolution:.0e} of them. "
+            "Begin nearer to the end of large motions, put the model near the origin, write small "
+            "strains by grad(u) and not by I + grad(u)."
         )
-    if not certificate.resolved or any("LINEAR" in reason for reason in reasons):
+    adrift = not certificate.resolved and not certificate.drowned
+    if adrift or any("LINEAR" in reason for reason in reasons):
         advice.append(
             "A linear solve failed or displacements went out of bounds: is the body held, by bcs "
             "or by contact that touches?"

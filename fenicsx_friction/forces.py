@@ -8,18 +8,16 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-import ufl
-from dolfinx import fem, mesh
-from dolfinx.fem.petsc import assemble_matrix
+from dolfinx import fem
 
 from .bodies import Array, Groups, Labels, connected, number_bodies
-from .compilation import compiled
 from .conditions import constrained_dofs, with_conditions
 from .deformable import DeformableObstacle
+from .equations import FurtherEquation
+from .noise import rounding_errors
 from .scales import DIGITS, FAINT, Scales
 
 if TYPE_CHECKING:
@@ -28,6 +26,8 @@ if TYPE_CHECKING:
 
 #: Newton stops where what is left of a residual is this share of what rounding hides.
 SHARE = 0.25
+#: Rounding errors of forces may be so many times those of one trial.
+NOISE = 4.0
 #: A condition is met at this distance, relative to the largest value.
 MISSED = 1e-12
 
@@ -36,14 +36,14 @@ class ForceScales:
     """Measures the groups of a problem; all methods are collective.
 
     The groups are the bodies (forces, N), the bodies of each contact (tractions, Pa), and the
-    equations beside the momentum balance (brought to N).
+    bodies of each equation beside the momentum balance.
 
     Args:
         unknowns: The unknowns of the bulk, displacement first.
         contacts: The contacts.
         bcs: Dirichlet conditions.
         stiffness: Diagonal of the bulk stiffness (N/m) at the owned dofs of the displacement.
-        units: What brings a row of each further equation to the unit of a force.
+        equations: The equations beside the momentum balance.
         coupling: The pairs of contacts with deformable obstacles, or ``None``.
         momentum: Returns the unbalanced nodal forces (N) of the owned dofs, reactions included.
 
@@ -51,6 +51,7 @@ class ForceScales:
         number: Number of bodies.
         surfaces: Groups the owned nodes of each contact, by body.
         contact_nodes: Number of nodes of all contacts.
+        equilibrium: The groups of the bodies and of the further equations.
         held_rows: The owned rows of the system that are conditions.
         row_factors: What makes a force of each owned row: a stiffness at the conditions, else one.
     """
@@ -61,19 +62,19 @@ class ForceScales:
         contacts: Sequence[Contact],
         bcs: Sequence[fem.DirichletBC],
         stiffness: Array,
-        units: Sequence[float],
+        equations: Sequence[FurtherEquation],
         coupling: Coupling | None,
         momentum: Callable[[], Array],
     ) -> None:
         self._unknowns, self._contacts, self._bcs = list(unknowns), contacts, bcs
         self._u, self._coupling, self._momentum = unknowns[0], coupling, momentum
-        self._comm, self._others = self._u.function_space.mesh.comm, len(units)
+        self._comm, self._equations = self._u.function_space.mesh.comm, equations
         self.number, body = number_bodies(self._u.function_space)
         self._stiffness = abs(stiffness)
         dofs = np.repeat(body, self._u.function_space.dofmap.index_map_bs)[: len(stiffness)]
         self._bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]
         self.surfaces = [Groups(bodies, self.number) for bodies in self._bodies]
-        self._group_rows(dofs, units)
+        self._group_rows(dofs)
         self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
         self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
         self._linked = self._link(body)
@@ -84,7 +85,9 @@ class ForceScales:
         """Keep the forces at the start of a step, under its new loads, and what is prescribed."""
         forces = np.maximum(self._all.largest(abs(self._momentum())), self._contact_forces())
         self._forces = self._over_ranks(forces)
+        self._noise = np.zeros(self.number)
         self._tractions = self._by_contact(self._traction_lengths())
+        self._coordinates = [k.obstacle.rounding(k) for k in self._contacts]
         there = [
             np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs))) for f in self._unknowns
         ]
@@ -95,6 +98,13 @@ class ForceScales:
         self._given, self._length = np.transpose(linked)
         values = np.array([np.max(values, initial=0.0) for values in there])
         self._values = self._over_ranks(values)
+        for equation in self._equations:
+            equation.begin()
+
+    def find_noise(self) -> None:
+        """Find what rounding leaves of the forces of this state, until the next step begins."""
+        noise = NOISE * self._all.largest(rounding_errors(self._u, self._momentum))
+        self._noise = np.maximum(self._noise, self._over_ranks(noise))
 
     def residuals(self, *blocks: Array) -> tuple[Array, Array]:
         """Return the largest residual of each group (N or Pa), and over the stiffness (m).
@@ -135,9 +145,14 @@ class ForceScales:
         u = self._u.x.array[: len(self._stiffness)]
         local = np.stack([largest, DIGITS * self._all.largest(self._stiffness * abs(u))])
         forces, hidden = self._over_ranks(local)
+        hidden = np.maximum(hidden, self._noise)
         bodies = Scales(forces, self._forces, hidden, self._given, self._length)
         tractions = self._by_contact(self._traction_lengths())
-        unresolved = DIGITS * self._by_contact([k.stiffness_traction() for k in self._contacts])
+        rounded = [
+            k.nodal_scale() * (k.distance() + lengths)
+            for k, lengths in zip(self._contacts, self._coordinates, strict=True)
+        ]
+        unresolved = DIGITS * self._by_contact(rounded)
         each = len(self._contacts)
         faint = FAINT * np.tile(np.maximum(forces, self._forces), each) * self._per_area
         contacts = Scales(
@@ -147,9 +162,9 @@ class ForceScales:
             np.tile(self._given, each) * self._per_area,
             np.tile(self._length, each),
         )
-        return _joined(bodies, contacts, self._others)
+        return _joined([bodies, contacts, *(e.scales(bodies) for e in self._equations)])
 
-    def _group_rows(self, bodies: Labels, units: Sequence[float]) -> None:
+    def _group_rows(self, bodies: Labels) -> None:
         """Number the groups of the rows of the system, and bring the rows to their units."""
         fixed = [_fixed(f, self._bcs) for f in self._unknowns]
         self._all = Groups(bodies, self.number)
@@ -157,18 +172,22 @@ class ForceScales:
         typical = float(self._over_ranks(np.array([np.max(self._stiffness, initial=0.0)]))[0])
         stiffness = np.where(self._stiffness > 0.0, self._stiffness, typical)
         labels, weights = [np.where(fixed[0], -1, bodies)], [np.ones(len(bodies))]
-        compliances = [1.0 / stiffness]
+        compliances: list[Array] = [1.0 / stiffness]
         first = self.number * (1 + len(self._contacts))
-        for i, (held, unit) in enumerate(zip(fixed[1:], units, strict=True)):
-            labels.append(np.where(held, -1, first + i))
-            weights.append(np.full(len(held), unit))
-            compliances.append(np.full(len(held), np.inf if typical == 0.0 else unit / typical))
+        groups = first
+        for held, equation in zip(fixed[1:], self._equations, strict=True):
+            labels.append(np.where(held, -1, groups + equation.body))
+            groups += equation.number
+            weights.append(np.full(len(held), equation.unit))
+            slope = np.full(len(held), typical) if equation.linked else equation.slope
+            compliances.append(_over(weights[-1], slope))
         d = self._u.function_space.mesh.geometry.dim
         for i, (k, body) in enumerate(zip(self._contacts, self._bodies, strict=True)):
             labels.append(np.repeat(self.number * (1 + i) + body, d))
             weights.append(np.repeat(1.0 / k.nodal_area(), d))
             compliances.append(weights[-1] / np.repeat(k.nodal_scale(), d))
-        self._rows = Groups(np.concatenate(labels), first + self._others)
+        self._rows = Groups(np.concatenate(labels), groups)
+        self.equilibrium = np.r_[: self.number, first:groups]
         self._weights, self._compliances = np.concatenate(weights), np.concatenate(compliances)
         conditions = np.full(len(self._weights), -1)
         unknown = np.repeat(np.arange(len(fixed)), [len(held) for held in fixed])
@@ -180,7 +199,8 @@ class ForceScales:
         own = self.held_rows[self.held_rows < len(bodies)]
         self.row_factors[own] = stiffness[own]
         others = self.held_rows[self.held_rows >= len(bodies)]
-        self.row_factors[others] = self._weights[others]
+        factors = [e.row_factors for e in self._equations]
+        self.row_factors[others] = np.concatenate([*factors, []])[others - len(bodies)]
 
     def _link(self, body: Labels) -> Labels:
         """Number the groups of bodies that may meet each other; the group of each body."""
@@ -231,38 +251,11 @@ def _fixed(f: fem.Function, bcs: Sequence[fem.DirichletBC]) -> npt.NDArray[np.bo
     return fixed
 
 
-def _joined(bodies: Scales, contacts: Scales, others: int) -> Scales:
-    """Put the groups together; further equations are measured by the largest forces of all."""
-
-    def all_of(name: str) -> Array:
-        mine = getattr(bodies, name)
-        return np.concatenate([mine, getattr(contacts, name), np.full(others, np.max(mine))])
-
-    return Scales(*(all_of(f.name) for f in fields(Scales)))
+def _over(values: Array, by: Array) -> Array:
+    """Divide; by nothing there is no limit."""
+    return np.divide(values, by, out=np.full(len(by), np.inf), where=by > 0.0)
 
 
-def force_units(
-    equations: Sequence[ufl.Form],
-    u: fem.Function,
-    stiffness: Array,
-    entity_maps: Sequence[mesh.EntityMap],
-) -> list[float]:
-    """Return what brings further equations to the unit of a force; collective.
-
-    An equation that depends on the displacement gets rows of the stiffness of the bulk; another one
-    keeps its unit.
-    """
-    comm = u.function_space.mesh.comm
-    stiffest = comm.allreduce(float(np.max(abs(stiffness), initial=0.0)), MPI.MAX)
-    units = []
-    for equation in equations:
-        tangent = ufl.algorithms.expand_derivatives(ufl.derivative(equation, u))
-        units.append(1.0)
-        if not tangent.empty():
-            form = compiled(fem.form, comm)
-            matrix = assemble_matrix(form(tangent, entity_maps=list(entity_maps)))
-            matrix.assemble()
-            largest = matrix.norm(PETSc.NormType.INFINITY)
-            matrix.destroy()
-            units[-1] = stiffest / largest if largest > 0.0 else 1.0
-    return units
+def _joined(parts: Sequence[Scales]) -> Scales:
+    """Put groups together."""
+    return Scales(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Scales)))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
@@ -35,9 +36,32 @@ class Kinematics:
     normal: Expr
     tangents: tuple[Expr, ...]
 
+    @classmethod
+    def of(cls, gap: Expr, way: Expr, normal: Expr, first: Expr) -> Kinematics:
+        """Complete a frame and take the slip in it.
+
+        Args:
+            gap: Signed gap (m).
+            way: How far the node has moved (m) from where the obstacle's point once under it is.
+            normal: Unit normal towards the body.
+            first: First tangent (3D only).
+        """
+        if len(normal) == 2:
+            tangents: tuple[Expr, ...] = (ufl.as_vector([normal[1], -normal[0]]),)
+        else:
+            tangents = (first, ufl.cross(normal, first))
+        slip = ufl.as_vector([ufl.dot(e, way) for e in tangents])
+        return cls(gap, slip, normal, tangents)
+
     def traction(self, c: Expr) -> Expr:
         """Return the traction vector of the multipliers ``c = (c_n, c_1[, c_2])``."""
         return sum((c[k + 1] * e for k, e in enumerate(self.tangents)), c[0] * self.normal)
+
+
+def first_tangent(normal: Expr, hint: Expr) -> Expr:
+    """Return the unit vector along the tangential part of a hint."""
+    first = hint - ufl.dot(hint, normal) * normal
+    return first / ufl.sqrt(ufl.dot(first, first))
 
 
 @dataclass(frozen=True)
@@ -91,6 +115,13 @@ class Obstacle(ABC):
             V: Space of the displacement.
         """
         return float("inf")
+
+    def rounding(self, contact: Contact) -> npt.NDArray[np.floating]:
+        """Return the lengths (m), beside displacements, whose last digits gaps and slips round to.
+
+        They are those of the coordinates and the obstacle's motion; one an owned node; collective.
+        """
+        return np.zeros(contact.surface.num_owned)
 
     def crossed(
         self,

@@ -61,11 +61,21 @@ class RigidMotion:
         back = ufl.transpose(self._rotation(self.angle))
         return center + ufl.dot(back, x - center - self.translation)
 
-    def carry(self, x: Expr) -> Expr:
-        """Return where the point that was at ``x`` at the last accepted step is now."""
+    def displacement(self, X: Expr) -> Expr:
+        """Return how far the point ``X`` of the unmoved obstacle has moved (m)."""
         center = ufl.as_vector(self._center.tolist())
-        turn = self._rotation(self.angle - self._old_angle)
-        return center + self.translation + ufl.dot(turn, x - center - self._old_translation)
+        return self.translation + ufl.dot(self._turned(self.angle), X - center)
+
+    def turned(self, direction: Expr) -> Expr:
+        """Return how much the rotation has changed a direction."""
+        return ufl.dot(self._turned(self.angle), direction)
+
+    def carried_along(self, x: Expr) -> Expr:
+        """Return how far the point at ``x`` at the last accepted step has moved since (m)."""
+        center = ufl.as_vector(self._center.tolist())
+        turned = self._turned(self.angle - self._old_angle)
+        arm = x - center - self._old_translation
+        return self.translation - self._old_translation + ufl.dot(turned, arm)
 
     def undone(self, x: Array) -> Array:
         """Return :meth:`undo` of points in numbers, one row a point."""
@@ -73,7 +83,7 @@ class RigidMotion:
         return np.asarray(self._center + (x - self._center - self.translation.value) @ turn)
 
     def carried(self, x: Array) -> Array:
-        """Return :meth:`carry` of points in numbers, one row a point."""
+        """Return where points of the last accepted step are now, in numbers, one row a point."""
         turn = self._turn(float(self.angle.value) - float(self._old_angle.value))
         arm = x - self._center - self._old_translation.value
         return np.asarray(self._center + self.translation.value + arm @ turn.T)
@@ -106,10 +116,14 @@ class RigidMotion:
         return np.asarray(Rotation.from_rotvec(vector).as_matrix()[:d, :d])
 
     def _rotation(self, angle: Expr) -> Expr:
-        """Return the rotation matrix of an angle (Rodrigues in 3D)."""
-        c, s = ufl.cos(angle), ufl.sin(angle)
+        """Return the rotation matrix of an angle."""
+        return ufl.Identity(len(self._center)) + self._turned(angle)
+
+    def _turned(self, angle: Expr) -> Expr:
+        """Return the rotation matrix less the identity (Rodrigues in 3D), exact at small angles."""
+        versine, s = 2.0 * ufl.sin(angle / 2.0) ** 2, ufl.sin(angle)
         if len(self._center) == 2:
-            return ufl.as_matrix([[c, -s], [s, c]])
+            return ufl.as_matrix([[-versine, -s], [s, -versine]])
         a = ufl.as_vector(self._axis.tolist())
         cross = ufl.as_matrix([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-        return c * ufl.Identity(3) + s * cross + (1.0 - c) * ufl.outer(a, a)
+        return s * cross + versine * (ufl.outer(a, a) - ufl.Identity(3))

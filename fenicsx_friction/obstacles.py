@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from .errors import ContactInputError
-from .kinematics import Kinematics, Obstacle
+from .kinematics import Kinematics, Obstacle, first_tangent
 from .motion import RigidMotion
 from .passage import Array, Mask, through_anything, ways
 from .validators import call, instance, kind, shown, vector
@@ -46,17 +46,38 @@ class RigidObstacle(Obstacle):
         """Return the signed distance (m) of the current point ``x``, eq. (1) for any obstacle."""
         return self.shape(x if self.motion is None else self.motion.undo(x))
 
-    def carry(self, x: Expr) -> Expr:
-        """Return where the obstacle's point that was at ``x`` at the last step is now."""
-        return x if self.motion is None else self.motion.carry(x)
+    def way(self, X: Expr, u: Expr, u_old: Expr) -> Expr:
+        """Return the node's way (m) from where the obstacle's point once under it is now.
+
+        A motion of node and obstacle together as one rigid body adds nothing to it. Coordinates,
+        which would round it, enter only where the obstacle turns.
+        """
+        step = u - u_old
+        return step if self.motion is None else step - self.motion.carried_along(X + u_old)
 
     def kinematics(self, contact: Contact, u: fem.Function, u_old: fem.Function) -> Kinematics:
-        """Derive the kinematics from the gap, see :func:`kinematics`."""
+        """Derive the kinematics from gap and motion, see :func:`kinematics`."""
         X = ufl.SpatialCoordinate(contact.surface.mesh)
-        return kinematics(self.near(_middle(contact)), X + u, X + u_old, contact.hint)
+        return kinematics(self.near(contact), X, u, u_old, contact.hint)
 
-    def near(self, point: Array) -> RigidObstacle:
-        """Return the same obstacle with a gap that loses no digits near a point (m)."""
+    def gap_and_normal(self, X: Expr, u: Expr) -> tuple[Expr, Expr]:
+        """Return gap (m) and unit normal of a node at rest at ``X`` that has moved by ``u``."""
+        point = ufl.variable(X + u)
+        gap = self.gap(point)
+        gradient = ufl.diff(gap, point)
+        return gap, gradient / ufl.sqrt(ufl.dot(gradient, gradient))
+
+    def rounding(self, contact: Contact) -> Array:
+        """Return how far nodes are from the origin along their normals, and what was carried."""
+        x = contact.nodal_position()
+        return np.sum(abs(contact.nodal_normal() * x), axis=1) + self._carried(x)
+
+    def _carried(self, x: Array) -> Array:
+        """Return how far the obstacle has carried its points at ``x`` (m)."""
+        return np.asarray(np.linalg.norm(x - self._undone(x), axis=1))
+
+    def near(self, contact: Contact) -> RigidObstacle:
+        """Return the same obstacle with a gap that loses no digits at a contact's nodes."""
         return self
 
     def crossed(self, contact: Contact, u: fem.Function, u_old: fem.Function, closed: Mask) -> Mask:
@@ -90,10 +111,19 @@ class RigidPlane(RigidObstacle):
     Attributes:
         point: Any point of the plane (m).
         normal: Normal of any length, pointing out of the obstacle, towards the body.
+        start: Distance (m) of the unmoved plane from nodes at rest; found by the contact.
     """
 
     point: Sequence[float]
     normal: Sequence[float]
+    start: fem.Function | None = field(default=None, repr=False, compare=False)
+
+    def __init_subclass__(cls) -> None:
+        """Refuse subclasses: a shape of their own would not be asked for."""
+        raise ContactInputError(
+            f"{cls.__name__}: a RigidPlane cannot be derived from; derive from RigidObstacle, or "
+            "take an ImplicitObstacle."
+        )
 
     def __post_init__(self) -> None:
         """Check point and normal."""
@@ -106,6 +136,35 @@ class RigidPlane(RigidObstacle):
         check_dimension(X, self.normal, "A plane with normal")
         normal = unit(self.normal, "The plane's normal")
         return ufl.dot(ufl.as_vector(normal), X - ufl.as_vector([*map(float, self.point)]))
+
+    def near(self, contact: Contact) -> RigidObstacle:
+        """Return the same plane, with the distances of a contact's nodes as numbers."""
+        S, normal = contact.surface.S, unit(self.normal, "The plane's normal")
+        distance = fem.Function(S, name="distance_at_start")
+        X = S.tabulate_dof_coordinates()[:, : len(normal)]
+        distance.x.array[:] = (X - np.asarray(self.point)) @ normal
+        return replace(self, start=distance)
+
+    def gap_and_normal(self, X: Expr, u: Expr) -> tuple[Expr, Expr]:
+        """Add displacements to the distance at the start: the coordinates round nothing.
+
+        A plane through ``p`` whose normal has turned from ``n`` to ``n'`` is at
+        ``n . (X - p) + (n' - n) . (X - p) + n' . (u - displacement of p)``.
+        """
+        check_dimension(X, self.normal, "A plane with normal")
+        normal = ufl.as_vector(unit(self.normal, "The plane's normal"))
+        point = ufl.as_vector([*map(float, self.point)])
+        start = ufl.dot(normal, X - point) if self.start is None else self.start
+        if self.motion is None:
+            return start + ufl.dot(normal, u), normal
+        turned = self.motion.turned(normal)
+        away = u - self.motion.displacement(point)
+        gap = start + ufl.dot(turned, X - point) + ufl.dot(normal + turned, away)
+        return gap, normal + turned
+
+    def rounding(self, contact: Contact) -> Array:
+        """Return what the plane has carried."""
+        return self._carried(contact.nodal_position())
 
     def passed(
         self, contact: Contact, u: fem.Function, start: Array, end: Array, open_: Mask
@@ -142,35 +201,21 @@ class ImplicitObstacle(RigidObstacle):
         return call(self.distance, "The obstacle's distance(X)", X)
 
 
-def kinematics(obstacle: RigidObstacle, x: Expr, x_old: Expr, hint: Expr) -> Kinematics:
-    """Derive the kinematics of the current point ``x`` against ``obstacle``.
-
-    The slip increment is the way from where the obstacle's point once under the node is now to
-    where the node is now, in the current frame: a motion of node and obstacle together as one
-    rigid body adds nothing to it.
+def kinematics(obstacle: RigidObstacle, X: Expr, u: Expr, u_old: Expr, hint: Expr) -> Kinematics:
+    """Derive the kinematics of the current point ``X + u`` against ``obstacle``.
 
     Args:
         obstacle: The rigid obstacle.
-        x: Current position ``X + u`` (m).
-        x_old: Position at the last accepted step (m).
+        X: Reference position (m).
+        u: Displacement (m).
+        u_old: Displacement at the last accepted step (m).
         hint: Vector whose projection on the tangent plane is the first tangent (3D only).
     """
-    point = ufl.variable(x)
-    gap = obstacle.gap(point)
-    gradient = ufl.diff(gap, point)
-    normal = gradient / ufl.sqrt(ufl.dot(gradient, gradient))
-    if x.ufl_shape[0] == 2:
-        tangents: tuple[Expr, ...] = (ufl.as_vector([normal[1], -normal[0]]),)
-    else:
-        first = hint - ufl.dot(hint, normal) * normal
-        first = first / ufl.sqrt(ufl.dot(first, first))
-        tangents = (first, ufl.cross(normal, first))
-    way = x - obstacle.carry(x_old)
-    slip = ufl.as_vector([ufl.dot(e, way) for e in tangents])
-    return Kinematics(gap, slip, normal, tangents)
+    gap, normal = obstacle.gap_and_normal(X, u)
+    return Kinematics.of(gap, obstacle.way(X, u, u_old), normal, first_tangent(normal, hint))
 
 
-def _middle(contact: Contact) -> Array:
+def middle(contact: Contact) -> Array:
     """Return the mean of the contact's nodes (m), on all ranks; collective."""
     x, comm = contact.surface.x, contact.surface.mesh.comm
     total = comm.allreduce(np.append(x.sum(axis=0), len(x)))

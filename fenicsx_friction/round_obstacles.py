@@ -13,7 +13,7 @@ import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
-from .obstacles import RigidObstacle, check_dimension, unit
+from .obstacles import RigidObstacle, check_dimension, middle, unit
 from .passage import Array, Mask, through_ball
 from .validators import flag, number, vector
 
@@ -48,9 +48,9 @@ class RigidSphere(RigidObstacle):
         check_dimension(X, self.center, "A sphere with center")
         return _distance(X, self.center, self.radius, self.pole, self.inside)
 
-    def near(self, point: Array) -> RigidObstacle:
-        """Return the same sphere, its gap measured from a pole near a point."""
-        return replace(self, pole=_direction(point - np.asarray(self.center)))
+    def near(self, contact: Contact) -> RigidObstacle:
+        """Return the same sphere, its gap measured from a pole near a contact."""
+        return replace(self, pole=_direction(middle(contact) - np.asarray(self.center)))
 
     def passed(
         self, contact: Contact, u: fem.Function, start: Array, end: Array, open_: Mask
@@ -94,10 +94,10 @@ class RigidCylinder(RigidObstacle):
         across = X - ufl.dot(X - ufl.as_vector([*map(float, self.point)]), axis) * axis
         return _distance(across, self.point, self.radius, self.pole, self.inside)
 
-    def near(self, point: Array) -> RigidObstacle:
-        """Return the same cylinder, its gap measured from a line near a point."""
+    def near(self, contact: Contact) -> RigidObstacle:
+        """Return the same cylinder, its gap measured from a line near a contact."""
         axis = np.array(unit(self.axis, "The cylinder's axis"))
-        away = point - np.asarray(self.point)
+        away = middle(contact) - np.asarray(self.point)
         pole = np.array(_direction(away - (away @ axis) * axis))
         pole -= (pole @ axis) * axis
         return replace(self, pole=tuple((pole / np.linalg.norm(pole)).tolist()))

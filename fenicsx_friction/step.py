@@ -57,6 +57,7 @@ def _advance(problem: FrictionalContactProblem) -> StepReport:
     problem.scales.begin()
     forces = max(unbalanced, _contact_forces(problem))
     substeps: list[SubstepReport] = []
+    nearest, failed = np.inf, None
     fallbacks = FALLBACKS[: problem.settings.fallbacks]
     for attempt in (None, Attempt(problem.settings.corrector), *fallbacks):
         state.restore(changed, start)
@@ -84,8 +85,15 @@ def _advance(problem: FrictionalContactProblem) -> StepReport:
         if certificate.solved:
             problem.commit()
             return report
-        if crossed:
-            break  # another way to solve the step would only go through as well
+        far = np.nan_to_num(certificate.relative, nan=np.inf)
+        if failed is None or far < nearest:
+            nearest, failed = far, (report, crossed, state.ProblemSnapshot(problem))
+        if crossed or certificate.drowned:
+            break  # another way to solve the step would not fare better
+    assert failed is not None
+    report, crossed, there = failed
+    report = replace(report, substeps=tuple(substeps))
+    there.restore()
     if problem.settings.raise_on_uncertified:
         raise StepFailed("\n".join([explain(problem, report), *crossed]), report)
     return report

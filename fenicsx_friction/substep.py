@@ -25,6 +25,7 @@ from .coupling import Coupling
 from .errors import ContactInputError, OutOfMemory
 from .forces import ForceScales
 from .linear import factor_failure, forget_factor, out_of_memory, require_solver
+from .scales import COARSEST
 from .snes_callbacks import Callbacks
 
 if TYPE_CHECKING:
@@ -292,8 +293,7 @@ class Substep:
         rows = snes.getFunction()[0].array_r
         if self._scales.excess(rows, self._tolerance) <= 1.0:
             return reason.CONVERGED_FNORM_ABS
-        stagnates = it > 0 and norm >= 0.5 * self._history[-2]
-        if stagnates and self._scales.excess(rows, max(ROUNDING, self._tolerance)) <= 1.0:
+        if it > 0 and norm >= 0.5 * self._history[-2] and self._is_rounding(rows):
             return reason.CONVERGED_SNORM_RELATIVE
         patience = max(STALLED, math.isqrt(self._scales.contact_nodes))
         recent, before = self._history[-patience:], self._history[:-patience]
@@ -304,6 +304,15 @@ class Substep:
         if self._cycled or it >= max_it:
             return reason.DIVERGED_MAX_IT
         return reason.ITERATING
+
+    def _is_rounding(self, rows: np.ndarray) -> bool:
+        """Tell whether a residual that no step makes smaller is rounding; collective."""
+        if self._scales.excess(rows, max(ROUNDING, self._tolerance)) <= 1.0:
+            return True
+        if self._scales.excess(rows, COARSEST) > 1.0:
+            return False
+        self._scales.find_noise()
+        return self._scales.excess(rows, self._tolerance) <= 1.0
 
 
 @contextmanager
