@@ -23,8 +23,8 @@ from dolfinx.fem.petsc import LinearProblem
 
 import fenicsx_friction as ff
 from fenicsx_friction import bulk
-from fenicsx_friction.coupled_solver import CoupledSolver
-from fenicsx_friction.coupling import Coupling
+from fenicsx_friction.system.coupled_solver import CoupledSolver
+from fenicsx_friction.system.coupling import Coupling
 from raous_cost import DIRECT, median
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))

@@ -18,8 +18,8 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from fenicsx_friction.exact import ExactReference
-from fenicsx_friction.soclcp import NoExactSolution
+from fenicsx_friction.verification.exact import ExactReference
+from fenicsx_friction.verification.soclcp import NoExactSolution
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 #: Relative difference of tractions from the exact solution that counts as equal.

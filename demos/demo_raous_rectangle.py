@@ -86,8 +86,8 @@ from fenicsx_friction import (
     bulk,
     laws,
 )
-from fenicsx_friction.exact import ExactReference
-from fenicsx_friction.soclcp import NoExactSolution
+from fenicsx_friction.verification.exact import ExactReference
+from fenicsx_friction.verification.soclcp import NoExactSolution
 from raous_options import Options, parse_options
 
 LENGTH = 0.04  # m

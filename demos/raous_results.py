@@ -14,8 +14,8 @@ import numpy.typing as npt
 from dolfinx import fem, has_adios2, io
 
 from fenicsx_friction import OPEN, SLIP, STICK, Contact, FrictionalContactProblem, StepReport
-from fenicsx_friction.certificate import NodalState
-from fenicsx_friction.exact import ExactIncrement
+from fenicsx_friction.certificate.nodal_state import NodalState
+from fenicsx_friction.verification.exact import ExactIncrement
 from raous_options import Options
 
 Array = npt.NDArray[np.float64]

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Exact frictional contact for DOLFINx: stick predictor, slip corrector, certificate."""
 
-from . import bulk, laws
-from .adjust import close_initial_gaps
-from .certificate import OPEN, SLIP, STICK, Certificate
-from .checkpoint import read_checkpoint, write_checkpoint
-from .contact import Contact
-from .deformable import DeformableObstacle
-from .energy import EnergyAudit
-from .errors import CheckpointError, ContactInputError, OutOfMemory, StepFailed
-from .events import Event, EventLog
-from .friction import (
+from . import laws
+from .base.errors import CheckpointError, ContactInputError, OutOfMemory, StepFailed
+from .certificate.certificate import Certificate
+from .certificate.nodal_state import OPEN, SLIP, STICK
+from .contact.contact import Contact
+from .files.checkpoint import read_checkpoint, write_checkpoint
+from .files.fields import ContactFields
+from .laws import bulk
+from .laws.friction import (
     Coulomb,
     FrictionLaw,
     Frictionless,
@@ -18,19 +17,22 @@ from .friction import (
     PermanentStick,
     Sliding,
 )
-from .jacobian import JacobianReport, check_jacobian
-from .motion import RigidMotion
-from .obstacles import ImplicitObstacle, RigidObstacle, RigidPlane
-from .output import ContactFields
+from .loading.energy import EnergyAudit
+from .loading.events import Event, EventLog
+from .loading.record import FailedAttempt, StepRecord
+from .loading.relaxation import ViscousRelaxation
+from .loading.stepper import LoadStepper, StepperFailed
+from .obstacles.adjust import close_initial_gaps
+from .obstacles.deformable import DeformableObstacle
+from .obstacles.motion import RigidMotion
+from .obstacles.rigid import ImplicitObstacle, RigidObstacle, RigidPlane
+from .obstacles.round import RigidCylinder, RigidSphere
+from .obstacles.search import SearchPolicy
 from .problem import FrictionalContactProblem
-from .relaxation import ViscousRelaxation
-from .report import ContactReport, FailedAttempt, StepRecord, StepReport
-from .round_obstacles import RigidCylinder, RigidSphere
-from .search import SearchPolicy
-from .settings import StepSettings
-from .stepper import LoadStepper, StepperFailed
-from .substep import SubstepReport
-from .surface import ContactSurface
+from .surfaces.surface import ContactSurface
+from .system.report import ContactReport, StepReport, SubstepReport
+from .system.settings import StepSettings
+from .verification.jacobian import JacobianReport, check_jacobian
 
 __version__ = "0.1.0"
 

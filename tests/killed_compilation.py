@@ -20,7 +20,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 
-from fenicsx_friction.compilation import NonlinearProblem, compiled
+from fenicsx_friction.base.compilation import NonlinearProblem, compiled
 
 FORMS = 3
 

@@ -25,7 +25,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from fenicsx_friction.checkpoint import read_checkpoint, write_checkpoint
+from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
 from models import gathered, raous, tagged_facets
 
 STEPS = 6

@@ -7,7 +7,7 @@ import ufl
 from dolfinx import mesh
 
 import fenicsx_friction as ff
-from fenicsx_friction.face_cells import FACE_CELLS
+from fenicsx_friction.surfaces.face_cells import FACE_CELLS
 
 
 def outline(w=1.0, h=1.0, n=10):

@@ -5,8 +5,8 @@ import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
-from fenicsx_friction import deformable
-from fenicsx_friction.face_cells import FACE_CELLS, project
+from fenicsx_friction.obstacles import deformable
+from fenicsx_friction.surfaces.face_cells import FACE_CELLS, project
 from models import block
 
 

@@ -9,9 +9,9 @@ import pytest
 from dolfinx import fem
 
 import fenicsx_friction as ff
-from fenicsx_friction import stepper as stepper_module
-from fenicsx_friction.collective import on_all_ranks, on_first_rank
-from fenicsx_friction.state import ProblemSnapshot
+from fenicsx_friction.base.collective import on_all_ranks, on_first_rank
+from fenicsx_friction.increment.snapshot import ProblemSnapshot
+from fenicsx_friction.loading import stepper as stepper_module
 from models import raous
 
 LAST = MPI.COMM_WORLD.size - 1

@@ -8,7 +8,7 @@ import pytest
 from dolfinx import mesh
 
 import fenicsx_friction as ff
-from fenicsx_friction.cells import check_cells
+from fenicsx_friction.surfaces.cells import check_cells
 
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 cells = pytest.mark.parametrize("cell", CELLS)

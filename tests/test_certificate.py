@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fenicsx_friction.bodies import Groups
-from fenicsx_friction.certificate import OPEN, SLIP, STICK, NodalState, certify
-from fenicsx_friction.scales import Scales
+from fenicsx_friction.certificate.certificate import certify
+from fenicsx_friction.certificate.groups import Groups
+from fenicsx_friction.certificate.nodal_state import OPEN, SLIP, STICK, NodalState
+from fenicsx_friction.certificate.scales import Scales
 
 MU, R = 0.5, 100.0
 REAL = st.floats(-3.0, 3.0)

@@ -15,8 +15,8 @@ import pytest
 from dolfinx import fem, mesh
 
 from fenicsx_friction import CheckpointError
-from fenicsx_friction.checkpoint import read_checkpoint, write_checkpoint
-from fenicsx_friction.checkpoint_content import CONTACT_HISTORY
+from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
+from fenicsx_friction.files.checkpoint_content import CONTACT_HISTORY
 from models import gathered
 from restart_run import RUNS, STEPS, bare, painted, square
 

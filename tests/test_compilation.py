@@ -13,8 +13,8 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 
-from fenicsx_friction import compilation
-from fenicsx_friction.compilation import NonlinearProblem, compiled, remove_leftovers
+from fenicsx_friction.base import compilation
+from fenicsx_friction.base.compilation import NonlinearProblem, compiled, remove_leftovers
 
 SCRIPT = Path(__file__).with_name("killed_compilation.py")
 

@@ -11,10 +11,10 @@ from dolfinx import fem, mesh
 from scipy.spatial.transform import Rotation
 
 import fenicsx_friction as ff
-from fenicsx_friction.crossing import Motion, find_crossed
-from fenicsx_friction.face_cells import FACE_CELLS
-from fenicsx_friction.passage import through_ball
-from fenicsx_friction.ways import sign_changes
+from fenicsx_friction.obstacles.crossing import Motion, find_crossed
+from fenicsx_friction.obstacles.passage import through_ball
+from fenicsx_friction.obstacles.ways import sign_changes
+from fenicsx_friction.surfaces.face_cells import FACE_CELLS
 from models import tagged_facets
 from shapes import BALL, BAR, ball, bar, lid, outline, steep
 

@@ -7,8 +7,8 @@ import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
-from fenicsx_friction import coupling
-from fenicsx_friction.checkpoint import read_checkpoint, write_checkpoint
+from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
+from fenicsx_friction.system import coupling
 from models import gathered
 
 FLAT = {

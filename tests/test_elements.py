@@ -147,7 +147,7 @@ def test_curved_cells_are_refused(cell):
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_vertex_dofs_must_be_values(cell, monkeypatch):
     """An element whose dofs at the vertices are twice the values there."""
-    from fenicsx_friction import elements
+    from fenicsx_friction.surfaces import elements
 
     scalar = basix.ufl.element("Lagrange", cell, 1)
     assert elements._unfit(scalar) is None

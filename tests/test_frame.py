@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem
 
 import fenicsx_friction as ff
-from fenicsx_friction.frame import choose_hints, pinned_directions, steep_hints
+from fenicsx_friction.contact.frame import choose_hints, pinned_directions, steep_hints
 from models import block, rectangle_on
 
 AXES = np.eye(3)

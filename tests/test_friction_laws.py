@@ -10,8 +10,9 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from fenicsx_friction import laws, substep
-from fenicsx_friction.jacobian import check_jacobian
+from fenicsx_friction import laws
+from fenicsx_friction.system import substep
+from fenicsx_friction.verification.jacobian import check_jacobian
 from models import tagged_facets
 
 #: With nu = 0 the normal force is E times the pressed depth, whatever friction does.

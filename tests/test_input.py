@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from fenicsx_friction.exact import ExactReference
+from fenicsx_friction.verification.exact import ExactReference
 from models import block, raous, tagged_facets
 
 PLANE = ff.RigidPlane((0.0, 0.0), (0.0, 1.0))

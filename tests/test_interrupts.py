@@ -10,7 +10,7 @@ from dolfinx import fem
 
 import fenicsx_friction as ff
 from bodies import stack
-from fenicsx_friction import correctors
+from fenicsx_friction.increment import correctors
 from models import block
 
 #: Interrupts at random times of one run of the test.

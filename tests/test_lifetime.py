@@ -7,7 +7,8 @@ import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
-from fenicsx_friction import laws, substep
+from fenicsx_friction import laws
+from fenicsx_friction.system import substep
 from models import raous
 
 

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 import fenicsx_friction as ff
-from fenicsx_friction.linear import factor_failure, forget_factor, out_of_memory, require_solver
+from fenicsx_friction.system.linear import (
+    factor_failure,
+    forget_factor,
+    out_of_memory,
+    require_solver,
+)
 
 pytestmark = pytest.mark.mpi
 

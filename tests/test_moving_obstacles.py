@@ -9,7 +9,7 @@ from dolfinx import mesh
 from scipy.spatial.transform import Rotation
 
 import fenicsx_friction as ff
-from fenicsx_friction.jacobian import check_jacobian
+from fenicsx_friction.verification.jacobian import check_jacobian
 from rectangles import AXIS, PATH, SQUARE, body, on_floor, tractions, turned
 
 

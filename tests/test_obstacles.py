@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from fenicsx_friction.obstacles import kinematics
+from fenicsx_friction.obstacles.rigid import kinematics
 from rectangles import AXIS, turned
 
 

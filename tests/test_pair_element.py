@@ -5,8 +5,8 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from fenicsx_friction.face_cells import FACE_CELLS, blend, normals, project, shape_matrix
-from fenicsx_friction.pair_kernel import PairGeometry, PairKernel
+from fenicsx_friction.obstacles.pair_kernel import PairGeometry, PairKernel
+from fenicsx_friction.surfaces.face_cells import FACE_CELLS, blend, normals, project, shape_matrix
 
 CORNERS = {
     "interval": [[0.0, 0.0], [1.0, 0.2]],

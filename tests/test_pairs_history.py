@@ -10,12 +10,12 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from bodies import stack
-from fenicsx_friction import state
-from fenicsx_friction.checkpoint import read_checkpoint, write_checkpoint
-from fenicsx_friction.face_cells import FACE_CELLS
-from fenicsx_friction.faces import FaceSet
-from fenicsx_friction.pair_kernel import PairGeometry, PairKernel
-from fenicsx_friction.search import SearchPolicy, find_pairs
+from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
+from fenicsx_friction.increment import snapshot as state
+from fenicsx_friction.obstacles.pair_kernel import PairGeometry, PairKernel
+from fenicsx_friction.obstacles.search import SearchPolicy, find_pairs
+from fenicsx_friction.surfaces.face_cells import FACE_CELLS
+from fenicsx_friction.surfaces.faces import FaceSet
 from models import tagged_facets
 from shapes import lid, outline
 

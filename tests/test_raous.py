@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import fenicsx_friction as ff
-from fenicsx_friction.energy import EnergyAudit
-from fenicsx_friction.exact import ExactReference
+from fenicsx_friction.loading.energy import EnergyAudit
+from fenicsx_friction.verification.exact import ExactReference
 from models import SIDE, gathered, raous
 
 DATA = Path(__file__).parent / "data"

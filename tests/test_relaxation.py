@@ -137,7 +137,7 @@ def test_without_relaxation_the_path_ends_at_the_limit_load(comm):
 
 def test_a_snap_without_end_is_reported(comm, monkeypatch):
     """The state is the last accepted one and the damping is off."""
-    monkeypatch.setattr("fenicsx_friction.relaxation.MAX_INCREMENTS", 1)
+    monkeypatch.setattr("fenicsx_friction.loading.relaxation.MAX_INCREMENTS", 1)
     problem, _, _, relaxation, loads = arch(comm, "endless_", 0.3)
     stepper = path(loads, problem, relaxation=relaxation)
     dts = []

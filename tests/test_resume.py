@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import fenicsx_friction as ff
-from fenicsx_friction import events
-from fenicsx_friction.step_size import StepSize
+from fenicsx_friction.loading import events
+from fenicsx_friction.loading.step_size import StepSize
 from models import raous
 
 

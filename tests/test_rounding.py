@@ -9,7 +9,7 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from bodies import stack
-from fenicsx_friction.noise import rounding_errors
+from fenicsx_friction.system.noise import rounding_errors
 from models import tagged_facets
 from rectangles import turned
 

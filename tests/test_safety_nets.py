@@ -7,8 +7,9 @@ import pytest
 from dolfinx.fem.petsc import NonlinearProblem
 
 import fenicsx_friction as ff
-from fenicsx_friction import laws, substep
-from fenicsx_friction.exact import ExactReference
+from fenicsx_friction import laws
+from fenicsx_friction.system import substep
+from fenicsx_friction.verification.exact import ExactReference
 from models import block, gathered, raous
 
 projection_row, stick_row = laws.projection_row, laws.stick_row

@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from fenicsx_friction.jacobian import check_jacobian
+from fenicsx_friction.verification.jacobian import check_jacobian
 from models import tagged_facets
 from rectangles import SQUARE, body, on_floor, tractions
 

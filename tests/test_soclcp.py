@@ -12,7 +12,7 @@ import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from fenicsx_friction.soclcp import (
+from fenicsx_friction.verification.soclcp import (
     ExactSolution,
     Increment,
     NoExactSolution,

@@ -13,11 +13,11 @@ from dolfinx import fem, mesh
 from rich.console import Console
 
 import fenicsx_friction as ff
-from fenicsx_friction import step
-from fenicsx_friction import stepper as stepper_module
-from fenicsx_friction.energy import EnergyAudit
-from fenicsx_friction.state import ProblemSnapshot
-from fenicsx_friction.stepper import LoadStepper, StepperFailed
+from fenicsx_friction.increment import advance as step
+from fenicsx_friction.increment.snapshot import ProblemSnapshot
+from fenicsx_friction.loading import stepper as stepper_module
+from fenicsx_friction.loading.energy import EnergyAudit
+from fenicsx_friction.loading.stepper import LoadStepper, StepperFailed
 from models import L_PATH, block, gathered, raous, tagged_facets
 
 

@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from fenicsx_friction.measures import share_facet_data
+from fenicsx_friction.surfaces.measures import share_facet_data
 from models import gathered, raous, tagged_facets
 
 CELLS = {

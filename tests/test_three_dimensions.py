@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fenicsx_friction.energy import EnergyAudit
-from fenicsx_friction.exact import ExactReference
+from fenicsx_friction.loading.energy import EnergyAudit
+from fenicsx_friction.verification.exact import ExactReference
 from models import L_PATH, block, gathered
 
 

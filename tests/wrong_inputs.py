@@ -9,7 +9,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from fenicsx_friction.exact import ExactReference
+from fenicsx_friction.verification.exact import ExactReference
 from models import tagged_facets
 
 NAN, INF = float("nan"), float("inf")

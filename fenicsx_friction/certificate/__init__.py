@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""How well a state solves the unsmoothed law; NumPy only."""

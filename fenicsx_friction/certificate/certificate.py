@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: MIT
+"""The certificate: how well a state solves the unsmoothed law, without ``eps`` and ``xi``.
+
+Plain NumPy on nodal values, independent of the rows that the solver uses: the law enters only
+through its limit, the projection is written anew.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from .groups import Array, Groups
+from .nodal_state import UNLIMITED, NodalState
+from .scales import Scales, coarsest
+
+#: More rounding than this, relative, belongs to displacements out of bounds.
+DROWNED = 1e-2
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Violation of each condition of eqs. (3)-(5) and of equilibrium; largest over the nodes.
+
+    ``R_n = c_n - max(c_n - r g, 0)`` and ``R_t = c_t - P(c_t - r s)`` vanish, with equilibrium,
+    if and only if the step solves the unsmoothed Signorini-Coulomb increment. Relative numbers are
+    the worst of all groups, each by its own scale: a natural map by the largest traction of that
+    contact on that body, equilibrium by the largest force on that body.
+
+    Attributes:
+        normal_map: ``|R_n|`` (Pa).
+        tangential_map: ``|R_t|`` (Pa).
+        penetration: ``max(-g)`` (m), of all nodes.
+        tension: ``max(-c_n)`` (Pa).
+        complementarity: ``|c_n g|`` (J/m²).
+        cone: ``|c_t| - limit`` (Pa).
+        alignment: ``limit |s| + c_t . s``, the power missing to slip opposite to the traction
+            (J/m²).
+        negative_limit: How far the friction limit is below zero (Pa).
+        negative_dissipation: Frictional power of the wrong sign (J/m²).
+        equilibrium: Largest nodal residual force on the free dofs (N, per unit depth in 2D).
+        natural_map: Largest natural-map residual, relative.
+        unbalanced: Largest residual of equilibrium and of further equations, relative.
+        unphysical: Largest negative limit or dissipation, relative.
+        boundary: Largest distance from a prescribed value, relative to the largest value.
+        pushed: How far conditions push held nodes into an obstacle (m), beyond how they started.
+        resolution: The relative accuracy that rounding permits for the faintest body or contact
+            that carries forces. Where it is coarser than the tolerance, it takes its place.
+        excess: The largest residual in units of what tolerance and rounding allow.
+        traction_scale: The largest traction (Pa).
+        force_scale: The largest force (N).
+        tolerance: Relative tolerance of :attr:`certified`.
+        certifiable: False if some law states no cone: then ``tangential_map`` is its own residual,
+            and the state is solved but not certified.
+        crossed: Number of contacts of which nodes went through the obstacle within the step.
+    """
+
+    normal_map: float
+    tangential_map: float
+    penetration: float
+    tension: float
+    complementarity: float
+    cone: float
+    alignment: float
+    negative_limit: float
+    negative_dissipation: float
+    equilibrium: float
+    natural_map: float
+    unbalanced: float
+    unphysical: float
+    boundary: float
+    pushed: float
+    resolution: float
+    excess: float
+    traction_scale: float
+    force_scale: float
+    tolerance: float
+    certifiable: bool = True
+    crossed: int = 0
+
+    @property
+    def relative(self) -> float:
+        """The worst of natural map, equilibrium, sign of friction and boundary values, relative."""
+        # np.max hands NaN on, max() may not.
+        parts = [self.natural_map, self.unbalanced, self.unphysical, self.boundary]
+        return float(np.max(parts))
+
+    @property
+    def resolved(self) -> bool:
+        """Whether rounding leaves digits to all bodies and contacts that carry forces."""
+        return bool(self.resolution <= coarsest(self.tolerance))
+
+    @property
+    def drowned(self) -> bool:
+        """Whether what is left is rounding, but more of it than may pass."""
+        left = max(self.resolution, self.tolerance)
+        return not self.resolved and self.relative <= left <= DROWNED
+
+    @property
+    def solved(self) -> bool:
+        """Whether all residuals are small, can be told from rounding, and no body went through."""
+        small = self.excess <= 1.0 and self.boundary <= self.tolerance
+        return bool(small and self.resolved and self.pushed <= 0.0 and self.crossed == 0)
+
+    @property
+    def certified(self) -> bool:
+        """Whether the state solves the unsmoothed increment to the tolerance."""
+        return self.solved and self.certifiable
+
+    def as_dict(self) -> dict[str, float | bool]:
+        """Return all entries, relative ones included, for a table or a JSON file."""
+        entries: dict[str, float | bool] = {f.name: getattr(self, f.name) for f in fields(self)}
+        return entries | {"relative": self.relative, "certified": self.certified}
+
+
+#: Rows of :func:`_violations`, by the names of the certificate, and three lengths (m).
+NODAL = (
+    "normal_map",
+    "tangential_map",
+    "penetration",
+    "tension",
+    "complementarity",
+    "cone",
+    "alignment",
+    "negative_limit",
+    "negative_dissipation",
+)
+
+
+def certify(
+    comm: MPI.Intracomm,
+    states: Sequence[NodalState],
+    *,
+    surfaces: Sequence[Groups],
+    scales: Scales,
+    unbalanced: tuple[Array, Array],
+    boundary: float,
+    pushed: float,
+    tolerance: float,
+) -> Certificate:
+    """Certify a state; collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        states: The nodal values of all contacts on this rank.
+        surfaces: Groups the nodes of each contact by body.
+        scales: Scales of all bodies (N), then of the bodies of each contact (Pa), then of further
+            equations (N).
+        unbalanced: Largest residual of each body and further equation (N), and over the stiffness
+            of its own dof (m), equal on all ranks.
+        boundary: Relative distance from prescribed values, equal on all ranks.
+        pushed: How far conditions push held nodes into an obstacle (m), equal on all ranks.
+        tolerance: Relative tolerance.
+
+    Returns:
+        The certificate, equal on all ranks.
+    """
+    found = [_by_body(_violations(s), g) for s, g in zip(states, surfaces, strict=True)]
+    worst = np.concatenate(found, axis=1)
+    # NaN may pass for the smaller number in MAX; infinity does not.
+    worst[~np.isfinite(worst)] = np.inf
+    comm.Allreduce(MPI.IN_PLACE, worst, op=MPI.MAX)
+    values = dict(zip(NODAL, worst, strict=False))
+    largest: dict[str, Any] = {
+        name: np.max(row, initial=0.0).item() for name, row in values.items()
+    }
+    number = worst.shape[1]
+    bodies = number // max(len(states), 1)
+    contacts = slice(bodies, bodies + number)
+    maps = np.maximum(values["normal_map"], values["tangential_map"])
+    slip, elastic, distance = worst[len(NODAL) :]
+    residual, apart = (
+        np.insert(a, bodies, b) for a, b in zip(unbalanced, (maps, distance), strict=True)
+    )
+    relative = scales.relative(residual, apart, tolerance)
+    loud = ~scales.quiet(tolerance)[contacts]
+    tractions = scales.largest[contacts]
+    negative = _worst(values["negative_limit"][loud], tractions[loud])
+    power = (tractions * (slip + elastic))[loud]
+    unphysical = max(negative, _worst(values["negative_dissipation"][loud], power))
+    excess = np.append(scales.excess(residual, apart, tolerance), unphysical / tolerance)
+    return Certificate(
+        **largest,
+        equilibrium=float(np.max(unbalanced[0][:bodies], initial=0.0)),
+        natural_map=float(np.max(relative[contacts], initial=0.0)),
+        unbalanced=float(np.max(np.delete(relative, contacts), initial=0.0)),
+        unphysical=unphysical,
+        boundary=boundary,
+        pushed=pushed,
+        resolution=float(np.max(scales.resolution(tolerance), initial=0.0)),
+        excess=float(np.max(excess)),
+        traction_scale=float(np.max(tractions, initial=0.0)),
+        force_scale=float(np.max(scales.largest[:bodies], initial=0.0)),
+        tolerance=tolerance,
+        certifiable=all(state.own_map is None for state in states),
+    )
+
+
+def _violations(state: NodalState) -> Array:
+    """Return how far each node is from each condition, then slip, elastic length and map (m)."""
+    c_n, c_t = state.c[:, 0], np.linalg.norm(state.c[:, 1:], axis=1)
+    slip, part = np.linalg.norm(state.slip, axis=1), state.takes_part
+    power = np.einsum("ij,ij->i", state.c[:, 1:], state.slip)
+    # A limit beyond any traction has no power to compare with.
+    alignment = np.where(state.limit < UNLIMITED, state.limit * slip + power, 0.0)
+    normal, tangential = state.natural_map()
+    rows = [
+        normal,
+        tangential,
+        -state.gap,
+        -c_n * part,
+        abs(c_n * state.gap) * part,
+        (c_t - state.limit) * part,
+        abs(alignment) * part,
+        -state.limit * part,
+        power * part,
+        slip * part,
+        np.hypot(c_n, c_t) / state.r,
+        np.maximum(normal, tangential) / state.r,
+    ]
+    return np.stack(rows)
+
+
+def _by_body(rows: Array, group: Groups) -> Array:
+    """Return the largest of each row, body by body, at least zero."""
+    return np.stack([group.largest(np.maximum(row, 0.0)) for row in rows])
+
+
+def _worst(values: Array, scales: Array) -> float:
+    """Return the largest ratio; a value without a scale (no load at all) counts itself."""
+    known = (scales > 0.0) & np.isfinite(scales)
+    ratio = np.divide(values, scales, out=values.copy(), where=known)
+    return float(np.max(ratio, initial=0.0))

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: MIT
+"""Sides: does the obstacle look at the surface, and is each node still on its side?"""
+
+import warnings
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..base.errors import ContactInputError
+from ..surfaces.naming import named
+from .contact import Contact
+
+#: Nodes are at the obstacle at gaps below this fraction of their facets' size.
+TOUCH = 1e-8
+#: Cosine from which two normals clearly point the same way: those at right angles may yet turn.
+ALONG = 0.1
+
+CURE = (
+    "Reverse the normal of a plane, take inside=False for a body outside, or tag the other side of "
+    "the body."
+)
+
+
+def check_sides(contact: Contact, u: fem.Function) -> None:
+    """Warn of an obstacle that looks away from the surface, or refuse it; collective.
+
+    Args:
+        contact: The contact, after ``bind``.
+        u: Displacement.
+
+    Raises:
+        ContactInputError: If it looks away everywhere from nodes that are at it or behind it, or
+            if all nodes are behind it, some the wrong way round.
+    """
+    view = contact.obstacle.view(contact, u)
+    n, d = contact.surface.num_owned, contact.surface.mesh.geometry.dim
+    touch = TOUCH * contact.surface.area.x.array[:n] ** (1.0 / (d - 1))
+    at, wrong = view.gap <= touch, view.cosine > ALONG
+    comm = contact.surface.mesh.comm
+    total, facing, bad, behind = comm.allreduce(
+        np.array(
+            [n, np.sum(view.cosine < 0.0), np.sum(at & wrong), np.sum(view.gap < -touch)], dtype=int
+        )
+    )
+    message = None
+    if facing == 0:
+        message = (
+            f"the obstacle's normal opposes the surface's outward normal at none of the {total} "
+            f"nodes; {bad} of them are at the obstacle or behind it."
+        )
+    elif behind == total and bad > 0:
+        message = (
+            f"all {total} nodes are behind the obstacle, at {bad} of them its normal points the "
+            "same way as the surface's outward normal."
+        )
+    if message is not None:
+        nodes = named(contact.surface, np.flatnonzero(at & wrong), view.gap)
+        message = f"Contact '{contact.surface.name}': {message}{nodes} {CURE}"
+        if bad > 0:
+            raise ContactInputError(message)
+        warnings.warn(message, stacklevel=3)
+    _warn_of_penetration(contact, view.lost)
+
+
+def _warn_of_penetration(contact: Contact, lost: npt.NDArray[np.floating]) -> None:
+    """Warn of nodes that start so deep in the obstacle that they do not meet it; collective."""
+    nodes = np.flatnonzero(lost > 0.0)
+    if number := contact.surface.mesh.comm.allreduce(len(nodes)):
+        warnings.warn(
+            f"Contact '{contact.surface.name}': {number} nodes start deeper behind a face that "
+            "looks at them than SearchPolicy.reach and count as open: enlarge reach, use "
+            f"close_initial_gaps, or check the tags.{named(contact.surface, nodes, -lost)}",
+            stacklevel=4,
+        )

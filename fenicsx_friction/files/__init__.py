@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""What is written: checkpoints and fields for writers."""

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: MIT
+"""Ways to solve an increment: predictor and corrector, and what is tried when they fail."""
+
+from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+
+import numpy as np
+
+from ..system.report import SubstepReport
+from ..system.system import ContactSystem
+from . import snapshot
+
+#: Newton stops at this fraction of the certificate's tolerance.
+NEWTON_TOLERANCE = 1e-2
+#: Tolerance of the ramp's stages before the last, and of the predictor.
+STAGE_TOLERANCE = 1e-6
+#: Smallest blend ``xi`` before 0, and the finest reduction of ``xi`` tried.
+SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
+#: Smallest smoothing before 0, relative to the expected traction.
+SMALLEST_EPS = 1e-9
+#: Smallest part of the increment that the continuation follows at once.
+SMALLEST_CONTINUATION = 1e-4
+#: Smallest part of the friction that is added at once.
+SMALLEST_REDUCTION = 1e-3
+#: A stage with at most this many iterations lets the next reduction be bolder.
+EASY_STAGE = 1
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One way to solve a step.
+
+    Attributes:
+        corrector: ``"projection"``, ``"ramp"`` or a key of :data:`WITHOUT_PREDICTOR`.
+        line_search: PETSc line search, full Newton steps by default.
+        r_factor: Multiplies ``r_p``.
+        max_it: Newton iterations of the corrector, those of the options by default.
+        predictor_iterations: Newton iterations of the predictor, those of the settings by default.
+    """
+
+    corrector: str
+    line_search: str | None = None
+    r_factor: float = 1.0
+    max_it: int | None = None
+    predictor_iterations: int | None = None
+
+
+#: Full Newton steps first; the others cost more and are for steep loads and high friction.
+FALLBACKS = (
+    Attempt("projection", "bt", max_it=40, predictor_iterations=4),
+    Attempt("projection", predictor_iterations=0),
+    Attempt("friction"),
+    Attempt("smoothing"),
+    Attempt("continuation"),
+    Attempt("projection", r_factor=10.0, max_it=100),
+    Attempt("projection", "bt", r_factor=10.0, max_it=100, predictor_iterations=2),
+    Attempt("ramp", "bt", max_it=60, predictor_iterations=4),
+)
+
+
+def newton_tolerance(system: ContactSystem) -> float:
+    """Return the relative tolerance of the last stage; the certificate decides its worth."""
+    return NEWTON_TOLERANCE * system.settings.tolerance
+
+
+def correct(system: ContactSystem, attempt: Attempt, forces: float) -> list[SubstepReport]:
+    """Predict with stick, correct, polish; leave the result in the unknowns."""
+    if attempt.corrector in WITHOUT_PREDICTOR:
+        return WITHOUT_PREDICTOR[attempt.corrector](system, forces)
+    start = snapshot.save(system.state)
+    eps = system.settings.smoothing * _expected_traction(system, forces)
+    iterations = attempt.predictor_iterations
+    if iterations is None:
+        iterations = system.settings.predictor_iterations
+    reports = []
+    if iterations > 0:
+        predictor = system.run(system.stick, STAGE_TOLERANCE, eps=eps, max_it=iterations)
+        if not np.all(np.isfinite(predictor.residuals)) or "LINEAR" in predictor.reason:
+            snapshot.restore(system.state, start)
+        reports.append(predictor)
+    if attempt.corrector == "ramp":
+        reports += _ramp(system, attempt, eps)
+    reports.append(polish(system, attempt))
+    return reports
+
+
+def polish(system: ContactSystem, attempt: Attempt) -> SubstepReport:
+    """Solve the natural map."""
+    return system.run(
+        system.projection,
+        newton_tolerance(system),
+        line_search=attempt.line_search,
+        max_it=attempt.max_it,
+    )
+
+
+def _ramp(system: ContactSystem, attempt: Attempt, eps: float) -> list[SubstepReport]:
+    """Ramp ``xi`` of eq. (12) from 1 to 0, finer where a stage fails or leaves the cone."""
+    reports: list[SubstepReport] = []
+    violated_only = system.settings.ramp_nodes == "violated"
+    chosen = sum(k.freeze_stick(violated_only=violated_only) for k in system.contacts)
+    if system.comm.allreduce(chosen, MPI.SUM) == 0:
+        return reports
+    accepted = snapshot.save(system.state)
+    last, xi, reduction = 1.0, 1.0, 0.1
+    while True:
+        report = system.run(
+            system.slip,
+            STAGE_TOLERANCE,
+            xi=xi,
+            eps=eps * xi,
+            line_search=attempt.line_search,
+            max_it=attempt.max_it,
+        )
+        good = report.converged and not any([k.has_false_root() for k in system.contacts])
+        reports.append(replace(report, accepted=good))
+        if good:
+            accepted, last = snapshot.save(system.state), xi
+            if xi == 0.0:
+                return reports
+            if report.iterations <= EASY_STAGE:
+                reduction = reduction**2
+        else:
+            snapshot.restore(system.state, accepted)
+            reduction = np.sqrt(reduction)
+            if xi == 1.0 or reduction > FINEST_REDUCTION:
+                return reports  # the polish starts from the last good stage
+        xi = last * reduction if last * reduction > SMALLEST_XI else 0.0
+
+
+def _smooth(system: ContactSystem, forces: float) -> list[SubstepReport]:
+    """Solve the projection rows with ``eps`` from the size of the tractions down to zero."""
+    reports: list[SubstepReport] = []
+    largest = _expected_traction(system, forces)
+    last = eps = largest
+    reduction, good = 0.1, snapshot.save(system.state)
+    while eps > 0.0 and reduction < FINEST_REDUCTION:
+        report = system.run(
+            system.projection, STAGE_TOLERANCE, eps=eps, line_search="bt", max_it=40
+        )
+        reports.append(report)
+        if report.converged:
+            good, last = snapshot.save(system.state), eps
+        else:
+            snapshot.restore(system.state, good)
+            reduction = np.sqrt(reduction)
+        eps = last * reduction if last * reduction > SMALLEST_EPS * largest else 0.0
+    reports.append(
+        system.run(system.projection, newton_tolerance(system), line_search="bt", max_it=100)
+    )
+    return reports
+
+
+def _add_friction(system: ContactSystem, forces: float) -> list[SubstepReport]:
+    """Solve without friction, then add it bit by bit.
+
+    From a state that only touches, the tip of the cone at every node, friction sends Newton
+    anywhere; the pressures of the frictionless solution tell which nodes are closed.
+    """
+    reports: list[SubstepReport] = []
+    xi, reduction, good = 1.0, 1.0, snapshot.save(system.state)
+    while reduction > SMALLEST_REDUCTION:
+        report = system.run(system.projection, newton_tolerance(system), xi=xi)
+        reports.append(report)
+        if report.converged:
+            good, last = snapshot.save(system.state), xi
+            if xi == 0.0:
+                break
+            reduction = min(2.0 * reduction, last)
+        elif xi == 1.0:
+            break
+        else:
+            snapshot.restore(system.state, good)
+            reduction /= 4.0
+        xi = max(last - reduction, 0.0)
+    return reports
+
+
+def _continue(system: ContactSystem, forces: float) -> list[SubstepReport]:
+    """Follow the solution from the last state to the new loads, without committing history.
+
+    The last state solves ``R(x) = (1 - t) R(x0)`` at ``t = 0``; at ``t = 1`` it is the increment.
+    """
+    reports: list[SubstepReport] = []
+    unbalanced = system.projection.residual()
+    t, dt = 0.0, 0.25
+    while t < 1.0 and dt > SMALLEST_CONTINUATION:
+        dt = min(dt, 1.0 - t)
+        good = snapshot.save(system.state)
+        target = (1.0 - t - dt) * unbalanced
+        report = system.run(system.projection, newton_tolerance(system), target=target)
+        reports.append(report)
+        if report.converged:
+            t, dt = t + dt, dt * 2.0
+        else:
+            snapshot.restore(system.state, good)
+            dt /= 4.0
+    unbalanced.destroy()
+    return reports
+
+
+def _expected_traction(system: ContactSystem, forces: float) -> float:
+    """Return the traction (Pa) that spreads the forces over the contact nodes."""
+    local = sum(float(np.sum(s.area**2)) for s in system.nodal_states())
+    return forces / float(np.sqrt(system.comm.allreduce(local, MPI.SUM)))
+
+
+WITHOUT_PREDICTOR = {"continuation": _continue, "smoothing": _smooth, "friction": _add_friction}

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: MIT
+"""Nodes that have gone through an obstacle within a step."""
+
+import numpy as np
+
+from ..certificate.nodal_state import OPEN
+from ..surfaces.naming import named
+from ..system.system import ContactSystem
+
+
+def crossed_nodes(system: ContactSystem) -> list[str]:
+    """Name the nodes that have gone through an obstacle in the step; collective, on all ranks.
+
+    Asked for are those that no closed contact holds.
+    """
+    lines = []
+    for k, state in zip(system.contacts, system.nodal_states(), strict=True):
+        crossed = k.obstacle.crossed(k, system.u, system.u_old, state.states() != OPEN)
+        if number := system.comm.allreduce(int(np.sum(crossed))):
+            lines.append(
+                f"{number} nodes of '{k.surface.name}' went through the obstacle in this step "
+                "without meeting it: take a smaller step, or (deformable obstacles) a larger "
+                f"SearchPolicy.reach.{named(k.surface, np.flatnonzero(crossed))}"
+            )
+    return lines

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Load paths of many increments: step sizes, energy, events, relaxation."""

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: MIT
+"""The contact element in UFL: kinematics of a node against a face, compiled by FFCx.
+
+One element is a cell of a mesh of points. Its dofs are the current positions of the node, of the
+nodes of the face that it meets, and of the face on which the point lies that it met at the last
+accepted step. Out come, with their exact derivatives by all dofs::
+
+    gap, way (d), normal (d)[, first tangent (3, only in 3D)], shape functions of the projection
+
+``way`` leads from where the last step's contact point of the face is now to where the node is: it
+vanishes under a common rigid motion and knows no edges between faces.
+"""
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from ufl.core.expr import Expr
+
+from ..base.compilation import compiled
+from ..surfaces.face_cells import Array, FaceCell, newton_step, weighted
+
+
+@dataclass(frozen=True)
+class PairGeometry:
+    """What the contact element knows of a current configuration, one row a pair.
+
+    Attributes:
+        z: Positions (m) of the node, the face's nodes and the old face's nodes (n, 1 + 2 k, d).
+        xi: Reference coordinates of the projection.
+        old: Weights of the old face's nodes in the last step's contact point.
+        hint: Vector whose tangential part is the first tangent (3D).
+    """
+
+    z: Array
+    xi: Array
+    old: Array
+    hint: Array
+
+
+class PairKernel:
+    """Evaluates the contact element; collective when it is made.
+
+    Args:
+        comm: Ranks that compile together.
+        cell: Kind of face.
+        gdim: Dimension of space.
+        num_pairs: Number of elements of this rank.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, cell: FaceCell, gdim: int, num_pairs: int) -> None:
+        self._cell, self._d, self._n = cell, gdim, num_pairs
+        self._mesh = mesh.create_point_mesh(MPI.COMM_SELF, np.zeros((max(num_pairs, 1), 3)))
+        self._cells = np.arange(max(num_pairs, 1), dtype=np.int32)
+        self._z = self._vector(gdim * (1 + 2 * cell.nodes))
+        self._xi, self._old = self._vector(cell.dim), self._vector(cell.nodes)
+        self._hint = self._vector(gdim)
+        z = ufl.variable(self._z)
+        values, point = self._element(z), np.zeros((1, 0))
+        expression = compiled(fem.Expression, comm)
+        self._values = expression(values, point, comm=comm)
+        self._derivatives = expression(ufl.diff(values, z), point, comm=comm)
+
+    def values(self, geometry: PairGeometry) -> Array:
+        """Return gap, way, normal[, tangent] and shape functions, one row a pair."""
+        self._set(geometry)
+        return np.asarray(self._values.eval(self._mesh, self._cells)[: self._n, 0])
+
+    def derivatives(self, geometry: PairGeometry) -> Array:
+        """Return their derivatives by the positions ``z``, flattened: (n, values, z)."""
+        self._set(geometry)
+        return np.asarray(self._derivatives.eval(self._mesh, self._cells)[: self._n, 0])
+
+    def _element(self, z: Expr) -> Expr:
+        """Return the values of one element in UFL."""
+        cell, d = self._cell, self._d
+        points = [
+            ufl.as_vector([z[d * i + k] for k in range(d)]) for i in range(1 + 2 * cell.nodes)
+        ]
+        x, face, old_face = points[0], points[1 : 1 + cell.nodes], points[1 + cell.nodes :]
+        xi = newton_step(cell, [self._xi[k] for k in range(cell.dim)], face, x, ufl.dot)
+        shapes = cell.shapes(xi)
+        tangents = [weighted(slopes, face) for slopes in cell.slopes(xi)]
+        if d == 2:
+            normal = ufl.as_vector([tangents[0][1], -tangents[0][0]])
+        else:
+            normal = ufl.cross(*tangents)
+        normal = normal / ufl.sqrt(ufl.dot(normal, normal))
+        gap = ufl.dot(normal, x - weighted(shapes, face))
+        way = x - weighted([self._old[i] for i in range(cell.nodes)], old_face)
+        frame = [*normal]
+        if d == 3:
+            first = self._hint - ufl.dot(self._hint, normal) * normal
+            frame += [*(first / ufl.sqrt(ufl.dot(first, first)))]
+        return ufl.as_vector([gap, *way, *frame, *shapes])
+
+    def _vector(self, size: int) -> fem.Function:
+        """Return a Function with a vector of numbers for each element."""
+        element = basix.ufl.element("DG", "point", 0, shape=(size,))
+        return fem.Function(fem.functionspace(self._mesh, element))
+
+    def _set(self, geometry: PairGeometry) -> None:
+        """Fill the Functions."""
+        if self._n:
+            self._z.x.array[:] = geometry.z.ravel()
+            self._xi.x.array[:] = geometry.xi.ravel()
+            self._old.x.array[:] = geometry.old.ravel()
+            self._hint.x.array[:] = geometry.hint.ravel()

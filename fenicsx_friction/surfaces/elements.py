@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: MIT
+"""Which meshes and displacement elements contact at the vertices is exact for."""
+
+from typing import Any
+
+import basix
+import numpy as np
+from dolfinx import fem, mesh
+
+from ..base.errors import ContactInputError
+from ..base.validators import instance
+
+#: Cells whose facets are of one kind, with a nodal contact element.
+CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+WORKS = (
+    "Contact acts at the vertices; what works is P1, Q1 and MINI (P1 with a bubble): "
+    'fem.functionspace(mesh, ("Lagrange", 1, (gdim,))), or a basix.ufl.blocked_element of the '
+    "scalar element."
+)
+
+
+def check_mesh(msh: Any) -> mesh.Mesh:
+    """Return the mesh if contact can be solved on it, or raise a ContactInputError."""
+    instance(msh, mesh.Mesh, "The mesh", "a dolfinx.mesh.Mesh")
+    tdim, gdim = msh.topology.dim, msh.geometry.dim
+    kinds = [cell.name for cell in msh.topology.entity_types[tdim]]
+    if len(kinds) != 1 or kinds[0] not in CELLS:
+        raise ContactInputError(
+            f"The mesh has cells of kind {', '.join(kinds)}; contact needs cells of one kind out "
+            f"of {', '.join(CELLS)}."
+        )
+    if gdim != tdim:
+        raise ContactInputError(
+            f"The mesh is of dimension {tdim} in a space of dimension {gdim}; contact needs solid "
+            f"bodies: make it with points of {tdim} coordinates."
+        )
+    if msh.geometry.x.dtype != np.float64:
+        raise ContactInputError(
+            f"The mesh has coordinates of type {msh.geometry.x.dtype}; make it with dtype=float64."
+        )
+    if (degree := msh.geometry.cmaps[0].degree) != 1:
+        raise ContactInputError(
+            f"The mesh has a geometry of degree {degree}, contact acts at the vertices of "
+            "straight facets: make it with a coordinate element of degree 1."
+        )
+    return msh
+
+
+def check_displacement(u: fem.Function) -> None:
+    """Raise a ContactInputError unless contact at the vertices is exact for the displacement.
+
+    The scalar element must be continuous, with one dof at each vertex, the value there, and
+    no dof on edges and facets.
+    """
+    V = u.function_space
+    gdim = check_mesh(V.mesh).geometry.dim
+    if u.x.array.dtype != np.float64:
+        raise ContactInputError(
+            f"The displacement has values of type {u.x.array.dtype}; make it with dtype=float64 "
+            "(and a real build of PETSc)."
+        )
+    if V.component():
+        raise ContactInputError(
+            "The displacement is a part of another space; give a Function of a space of its own, "
+            "and several unknowns as a list u=[u, p] with a block of F each."
+        )
+    element = V.ufl_element()
+    if V.dofmap.index_map_bs != gdim or element.reference_value_shape != (gdim,):
+        raise ContactInputError(
+            f"The displacement, of {element}, has {V.dofmap.index_map_bs} components in {gdim} "
+            f"dimensions. {WORKS}"
+        )
+    if reason := _unfit(element.sub_elements[0]):
+        raise ContactInputError(f"The displacement's element {element} {reason}. {WORKS}")
+
+
+def _unfit(scalar: Any) -> str | None:
+    """Return why contact at the vertices is not exact for a scalar element, or None."""
+    if scalar.discontinuous or scalar.basix_sobolev_space != basix.SobolevSpace.H1:
+        return "is not continuous"
+    at_vertices, *others, _ = scalar.entity_dofs
+    if any(len(dofs) != 1 for dofs in at_vertices):
+        return "has not exactly one dof at each vertex"
+    if any(dofs for entities in others for dofs in entities):
+        return "has dofs on edges or facets"
+    values = scalar.tabulate(0, basix.geometry(scalar.cell_type))[0]
+    expected = np.zeros_like(values)
+    for vertex, (dof,) in enumerate(at_vertices):
+        expected[vertex, dof] = 1.0
+    if not np.allclose(values, expected, atol=1e-10):
+        return "has vertex dofs that are not the values there"
+    return None

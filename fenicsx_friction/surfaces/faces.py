@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: MIT
+"""A contact surface gathered on every rank: its nodes and its oriented faces."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, mesh
+
+from ..base.errors import ContactInputError
+from .face_cells import FACE_CELLS, Array, normals
+from .surface import ContactSurface
+
+
+class FaceSet:
+    """Nodes and faces of a contact surface on all ranks, in the order of global node numbers.
+
+    A surface is small beside its body: having it whole on each rank makes search and kinematics
+    local, wherever the two bodies live.
+
+    Args:
+        surface: The surface.
+        u: The displacement of its body.
+
+    Attributes:
+        cell: Kind of the faces.
+        X: Reference coordinates of the nodes (m).
+        faces: Nodes of each face, in an order that makes the normal point out of the body.
+        priority: Order of the faces that no partition changes, to decide ties.
+        size: Mean diameter of the faces (m).
+    """
+
+    def __init__(self, surface: ContactSurface, u: fem.Function) -> None:
+        self._surface, self._u = surface, u
+        self._dofs = surface.parent_dofs(u.function_space)[: surface.num_owned]
+        self.cell = FACE_CELLS[surface.submesh.basix_cell().name]
+        d = surface.mesh.geometry.dim
+        self.X = self.gather(surface.x[:, :d])
+        parts = surface.mesh.comm.allgather(_oriented_faces(surface))
+        self.faces = np.concatenate(parts)
+        corners = self.X[self.faces]
+        center = corners.mean(axis=1) - np.min(self.X, axis=0)
+        extent = np.max(np.ptp(self.X, axis=0))
+        self.priority = np.argsort(np.lexsort(np.round(center / extent, 9).T[::-1]))
+        self.size = float(np.mean(np.linalg.norm(np.ptp(corners, axis=1), axis=1)))
+
+    @property
+    def own(self) -> slice:
+        """The rows of this rank's nodes."""
+        return slice(*self._surface.S.dofmap.index_map.local_range)
+
+    def gather(self, rows: npt.NDArray) -> npt.NDArray:
+        """Return the rows of the owned nodes of all ranks; collective."""
+        return np.concatenate(self._surface.mesh.comm.allgather(np.ascontiguousarray(rows)))
+
+    def gather_dofs(self, values: npt.NDArray) -> npt.NDArray:
+        """Return what a local array over the displacement's dofs holds at all nodes; collective."""
+        return self.gather(values.reshape(-1, self.X.shape[1])[self._dofs])
+
+    def positions(self, u: fem.Function | None = None) -> Array:
+        """Return the positions of all nodes under a displacement (m), the current by default."""
+        displacement = self._u if u is None else u
+        return np.asarray(self.X + self.gather_dofs(displacement.x.array))
+
+    def node_normals(self, x: Array) -> Array:
+        """Return the averaged unit normals of the nodes at the positions ``x``."""
+        corners = x[self.faces]
+        center = np.tile(self.cell.center, (len(corners), 1))
+        result = np.zeros_like(x)
+        for column in self.faces.T:
+            np.add.at(result, column, normals(self.cell, corners, center))
+        return result / np.maximum(np.linalg.norm(result, axis=1, keepdims=True), 1e-300)
+
+
+def check_surfaces(secondary: ContactSurface, primary: ContactSurface) -> None:
+    """Raise unless two surfaces can meet: of one mesh, of linear cells, apart; collective.
+
+    Raises:
+        ContactInputError: On all ranks.
+    """
+    names = f"The primary surface '{primary.name}' and the secondary surface '{secondary.name}'"
+    msh = secondary.mesh
+    if primary.mesh is not msh:
+        raise ContactInputError(
+            f"The primary surface '{primary.name}' lies on another mesh than the secondary surface "
+            f"'{secondary.name}': put both bodies into one mesh, which need not be connected."
+        )
+    if (degree := msh.geometry.cmaps[0].degree) != 1:
+        raise ContactInputError(
+            f"{names}: the geometry of the mesh has degree {degree}; node-to-face contact needs "
+            "linear cells (degree 1)."
+        )
+    ours, theirs = (map(tuple, s.entities.reshape(-1, 2)) for s in (secondary, primary))
+    if number := msh.comm.allreduce(len(set(ours) & set(theirs))):
+        raise ContactInputError(
+            f"{names} have {number} facets in common: give each body's surface a tag of its own."
+        )
+
+
+def surface_normals(surface: ContactSurface, u: fem.Function) -> Array:
+    """Return the averaged outward unit normals at the owned nodes; collective."""
+    faces = FaceSet(surface, u)
+    return np.asarray(faces.node_normals(faces.positions(u))[faces.own])
+
+
+def _oriented_faces(surface: ContactSurface) -> npt.NDArray[np.int64]:
+    """Return the global nodes of this rank's faces, ordered for outward normals."""
+    msh, tdim = surface.mesh, surface.mesh.topology.dim
+    owned = surface.submesh.topology.index_map(tdim - 1).size_local
+    cell = FACE_CELLS[surface.submesh.basix_cell().name]
+    if owned == 0:
+        return np.zeros((0, cell.nodes), dtype=np.int64)
+    local = surface.S.dofmap.list[:owned]
+    corners = surface.S.tabulate_dof_coordinates()[local][..., : msh.geometry.dim]
+    facets = surface.entity_map.sub_topology_to_topology(
+        np.arange(owned, dtype=np.int32), inverse=False
+    )
+    msh.topology.create_connectivity(tdim - 1, tdim)
+    cells = np.array([msh.topology.connectivity(tdim - 1, tdim).links(f)[0] for f in facets])
+    inside = mesh.compute_midpoints(msh, tdim, cells.astype(np.int32))[:, : msh.geometry.dim]
+    normal = normals(cell, corners, np.tile(cell.center, (owned, 1)))
+    inward = np.sum(normal * (corners.mean(axis=1) - inside), axis=1) < 0.0
+    nodes = surface.S.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
+    faces = nodes.reshape(local.shape)
+    faces[inward] = faces[inward][:, cell.reverse]
+    return faces

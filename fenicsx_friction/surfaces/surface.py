@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: MIT
+"""The contact surface: tagged facets, their submesh, multiplier space, nodes and nodal areas."""
+
+from mpi4py import MPI
+
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la, mesh
+from ufl.core.expr import Expr
+
+from ..base.compat import exterior_facet_entities, same_topology
+from ..base.compilation import compiled
+from ..base.errors import ContactInputError
+from ..base.validators import instance, integer, text
+from .elements import check_mesh
+
+#: Collocation at the vertices: each contact equation involves one node only.
+VERTEX_RULE = {"quadrature_rule": "vertex", "quadrature_degree": 1}
+
+
+class ContactSurface:
+    """Facets of a mesh that may come into contact.
+
+    Contact is collocated at the vertices: the multipliers are continuous P1/Q1 tractions on the
+    submesh of the facets, and the vertex quadrature rule makes every row node-local.
+
+    Args:
+        msh: Mesh of the body (2D or 3D), of straight cells.
+        facet_tags: Facet tags of ``msh``.
+        tag: The tag of the contact facets.
+        name: Name used in messages and reports.
+
+    Attributes:
+        mesh: The mesh of the body.
+        submesh: The mesh of the contact facets.
+        entity_map: Relates ``submesh`` to ``mesh``.
+        entities: (cell, local facet) pairs integrated on this rank.
+        Q: Multiplier space: P1 vectors ``(c_n, c_1[, c_2])`` on the submesh, Pa.
+        S: Scalar P1 space on the submesh.
+        area: Nodal areas (m² in 3D, m per unit depth in 2D), Function in ``S``.
+
+    Raises:
+        ContactInputError: If the tag marks no facet, or facets that are not on the boundary, if
+            the tags are those of another mesh, or if contact cannot be solved on the mesh.
+    """
+
+    def __init__(
+        self, msh: mesh.Mesh, facet_tags: mesh.MeshTags, tag: int, name: str = "contact"
+    ) -> None:
+        self.mesh, self.name = check_mesh(msh), text(name, "The name of a contact surface")
+        facets = _checked_facets(msh, facet_tags, tag, name)
+        self.submesh, self.entity_map, self._vertex_map, _ = mesh.create_submesh(
+            msh, msh.topology.dim - 1, facets
+        )
+        self.entities = exterior_facet_entities(msh, facets)
+        cell = self.submesh.basix_cell()
+        scalar = basix.ufl.element("Lagrange", cell, 1)
+        self.S = fem.functionspace(self.submesh, scalar)
+        self.Q = fem.functionspace(
+            self.submesh, basix.ufl.blocked_element(scalar, shape=(msh.geometry.dim,))
+        )
+        self.area = fem.Function(self.S, name="area")
+        self.area.x.array[:] = self._assemble(
+            ufl.TestFunction(self.S) * self.measure(), self.S
+        ).reshape(-1)
+        self._check_area()
+
+    def _check_area(self) -> None:
+        """Raise on all ranks unless every node has an area; collective."""
+        empty = self.x[~(self.area.x.array[: self.num_owned] > 0.0)]
+        found = [part for part in self.mesh.comm.allgather(empty.tolist()) if part]
+        if found:
+            where = ", ".join(f"{value:.6g}" for value in found[0][0])
+            raise ContactInputError(
+                f"Contact surface '{self.name}': the facets at node ({where}) have no area; mend "
+                "the mesh, whose nodes coincide there."
+            )
+
+    def measure(self, data: list | None = None, tag: int = 1) -> ufl.Measure:
+        """Return the collocation measure on the parent mesh (entity ids of ``data``)."""
+        data = [(1, self.entities)] if data is None else data
+        ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=data, metadata=VERTEX_RULE)
+        return ds(tag)
+
+    @property
+    def num_owned(self) -> int:
+        """Number of contact nodes owned by this rank."""
+        return int(self.S.dofmap.index_map.size_local)
+
+    @property
+    def x(self) -> npt.NDArray[np.floating]:
+        """Reference coordinates (m) of the owned nodes, one row a node."""
+        return self.S.tabulate_dof_coordinates()[: self.num_owned]
+
+    @property
+    def nodes(self) -> npt.NDArray[np.int64]:
+        """Global numbers of the owned contact nodes."""
+        return np.arange(*self.S.dofmap.index_map.local_range)
+
+    def evaluator(self, expression: Expr) -> "NodalExpression":
+        """Return an object that evaluates a UFL expression at the contact nodes."""
+        return NodalExpression(self, expression)
+
+    def sources(self, bad: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Tell which owned nodes are bad by themselves, if values are not finite; collective.
+
+        The evaluator sums over facets, so that the neighbours of such a node get ``nan``, too. But
+        they have other facets that are not bad as a whole.
+        """
+        flags = fem.Function(self.S)
+        flags.x.array[: self.num_owned] = bad
+        flags.x.scatter_forward()
+        facets = self.S.dofmap.list
+        sound = np.zeros(len(flags.x.array), dtype=bool)
+        sound[facets[np.min(flags.x.array[facets], axis=1) < 0.5]] = True
+        found = bad & ~sound[: self.num_owned]
+        anywhere = self.mesh.comm.allreduce(bool(np.any(found)), MPI.LOR)
+        return np.asarray(found if anywhere else bad)
+
+    def _assemble(self, form: ufl.Form, space: fem.FunctionSpace) -> npt.NDArray[np.floating]:
+        """Assemble a linear form on the submesh; return owned and ghost values."""
+        compiled_form = compiled(fem.form, self.mesh.comm)(form, entity_maps=[self.entity_map])
+        vector = fem.assemble_vector(compiled_form)
+        return _accumulate(vector, space.dofmap.index_map_bs)
+
+    def parent_dofs(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+        """Return, for each local contact node, the (blocked) dof of ``V`` at its vertex.
+
+        Raises:
+            ContactInputError: If ``V`` is not a Lagrange space with a dof at every vertex.
+        """
+        msh, tdim = self.mesh, self.mesh.topology.dim
+        msh.topology.create_connectivity(0, tdim)
+        vertex_cells = msh.topology.connectivity(0, tdim)
+        cell_vertices = msh.topology.connectivity(tdim, 0)
+        layout = V.dofmap.dof_layout
+        dofs = np.full(self.S.dofmap.index_map.size_local + self.S.dofmap.index_map.num_ghosts, -1)
+        sub_vertices = self.submesh.topology.connectivity(tdim - 1, 0)
+        parent = self._vertex_map.sub_topology_to_topology(
+            np.arange(sub_vertices.array.max(initial=-1) + 1, dtype=np.int32), inverse=False
+        )
+        for facet in range(sub_vertices.num_nodes):
+            for node, vertex in zip(
+                self.S.dofmap.cell_dofs(facet), parent[sub_vertices.links(facet)], strict=True
+            ):
+                cell = vertex_cells.links(vertex)[0]
+                local = int(np.flatnonzero(cell_vertices.links(cell) == vertex)[0])
+                at_vertex = layout.entity_dofs(0, local)
+                if len(at_vertex) != 1:
+                    raise ContactInputError(
+                        f"Contact surface '{self.name}': the displacement space needs exactly one "
+                        f"(blocked) dof at each vertex, its element {V.ufl_element()} has "
+                        f"{len(at_vertex)}. Use a continuous Lagrange space of vectors."
+                    )
+                dofs[node] = V.dofmap.cell_dofs(cell)[at_vertex[0]]
+        return dofs.astype(np.int32)
+
+
+class NodalExpression:
+    """Evaluates a UFL expression at the nodes of a contact surface, by collocation.
+
+    The integral of ``expression * q`` with the vertex rule is area times nodal value.
+
+    Args:
+        surface: The contact surface.
+        expression: UFL scalar or vector over the parent mesh and the submesh.
+    """
+
+    def __init__(self, surface: ContactSurface, expression: Expr) -> None:
+        self._surface = surface
+        shape = expression.ufl_shape
+        cell = surface.submesh.basix_cell()
+        element = basix.ufl.element("Lagrange", cell, 1, shape=shape)
+        self._space = fem.functionspace(surface.submesh, element)
+        q = ufl.TestFunction(self._space)
+        self._form = compiled(fem.form, surface.mesh.comm)(
+            ufl.inner(expression, q) * surface.measure(), entity_maps=[surface.entity_map]
+        )
+
+    def __call__(self) -> npt.NDArray[np.floating]:
+        """Return the values at the owned nodes, one row a node."""
+        n = self._surface.num_owned
+        values = _accumulate(fem.assemble_vector(self._form), self._space.dofmap.index_map_bs)
+        return values[:n] / self._surface.area.x.array[:n, None]
+
+
+def _accumulate(vector: la.Vector, bs: int) -> npt.NDArray[np.floating]:
+    """Add ghost contributions to their owners and return all values, one row a node."""
+    vector.scatter_reverse(la.InsertMode.add)
+    vector.scatter_forward()
+    return vector.array.reshape(-1, bs).copy()
+
+
+def _checked_facets(
+    msh: mesh.Mesh, facet_tags: mesh.MeshTags, tag: int, name: str
+) -> npt.NDArray[np.int32]:
+    """Return the facets of ``tag`` after checks that agree on all ranks."""
+    comm, tdim = msh.comm, msh.topology.dim
+    cure = "dolfinx.mesh.MeshTags of the facets, see dolfinx.mesh.meshtags"
+    instance(facet_tags, mesh.MeshTags, f"Contact surface '{name}': facet_tags", cure)
+    tag = integer(tag, f"Contact surface '{name}': tag")
+    if not same_topology(facet_tags, msh):
+        raise ContactInputError(
+            f"Contact surface '{name}': the facet tags are those of another mesh; make them on "
+            "the mesh that you give."
+        )
+    if facet_tags.dim != tdim - 1:
+        raise ContactInputError(
+            f"Contact surface '{name}': the tags mark entities of dimension {facet_tags.dim}, "
+            f"the facets of this mesh have dimension {tdim - 1}."
+        )
+    facets = facet_tags.find(tag)
+    known = sorted(set().union(*comm.allgather(set(facet_tags.values.tolist()))))
+    if comm.allreduce(len(facets), op=MPI.SUM) == 0:
+        raise ContactInputError(
+            f"Contact surface '{name}': tag {tag} marks no facet; tags present: {known}."
+        )
+    msh.topology.create_connectivity(tdim - 1, tdim)
+    owned = facets[facets < msh.topology.index_map(tdim - 1).size_local]
+    interior = np.setdiff1d(owned, mesh.exterior_facet_indices(msh.topology))
+    if (count := comm.allreduce(len(interior), op=MPI.SUM)) > 0:
+        raise ContactInputError(
+            f"Contact surface '{name}': {count} facets of tag {tag} lie inside the mesh; "
+            "contact facets must be boundary facets."
+        )
+    return facets
