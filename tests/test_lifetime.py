@@ -7,7 +7,7 @@ import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
-from fenicsx_friction import laws
+from fenicsx_friction.laws import rows
 from fenicsx_friction.system import substep
 from models import raous
 
@@ -48,7 +48,7 @@ def test_stepper_keeps_nothing(alive):
 
 
 def test_failed_step_keeps_nothing(alive, monkeypatch):
-    monkeypatch.setattr(laws, "projection_row", lambda s, c_t, limit, r, eps: r * s)
+    monkeypatch.setattr(rows, "projection_row", lambda s, c_t, limit, r, eps: r * s)
 
     def fail() -> bool:
         try:

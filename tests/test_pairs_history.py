@@ -79,7 +79,7 @@ def test_a_failed_step_leaves_the_pairs_of_the_last_accepted_one(monkeypatch):
     model.problem.solve()
     before, pairs = seen(model), model.contact.obstacle.pairs
     model.move(0.8, -0.01)
-    monkeypatch.setattr(ff.certificate.Certificate, "solved", property(lambda self: False))
+    monkeypatch.setattr(ff.Certificate, "solved", property(lambda self: False))
     with pytest.raises(ff.StepFailed):
         model.problem.solve()
     assert model.contact.obstacle.pairs is pairs

@@ -8,6 +8,7 @@ from dolfinx.fem.petsc import NonlinearProblem
 
 import fenicsx_friction as ff
 from fenicsx_friction import laws
+from fenicsx_friction.laws import rows
 from fenicsx_friction.system import substep
 from fenicsx_friction.verification.exact import ExactReference
 from models import block, gathered, raous
@@ -36,7 +37,7 @@ def always_stick(s, c_t, limit, r, eps):
     "broken", [flipped_sign, without_friction, too_much_friction, always_stick]
 )
 def test_wrong_friction_rows_are_refused(broken, monkeypatch):
-    monkeypatch.setattr(laws, "projection_row", broken)
+    monkeypatch.setattr(rows, "projection_row", broken)
     model = raous(8, 8, 1.0, "broken_")
     with pytest.raises(ff.StepFailed, match="no certified solution") as failure:
         model.problem.solve()
@@ -128,7 +129,7 @@ def test_failure_keeps_the_last_accepted_step_and_names_nodes():
 
 
 def test_uncertified_report_instead_of_an_exception(monkeypatch):
-    monkeypatch.setattr(laws, "projection_row", flipped_sign)
+    monkeypatch.setattr(rows, "projection_row", flipped_sign)
     model = raous(8, 8, 1.0, "report_", raise_on_uncertified=False)
     report = model.problem.solve()
     assert not report.certified

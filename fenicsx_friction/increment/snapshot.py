@@ -50,6 +50,7 @@ class ProblemSnapshot:
         self._motions = [(motion, motion.save()) for motion in motions]
         self._obstacles = [(k.obstacle, k.obstacle.save()) for k in problem.contacts]
         self._problem, self._values = problem, save(self._functions)
+        self._scales = problem.scales.save()
         self._dt = problem.dt.value.copy()
         self._accepted, self._num_steps = list(problem.accepted), problem.num_steps
 
@@ -62,6 +63,7 @@ class ProblemSnapshot:
             motion.restore(position)
         for obstacle, saved in self._obstacles:
             obstacle.restore(saved)
+        self._problem.scales.restore(self._scales)
         self._problem.dt.value = self._dt
         self._problem.accepted = list(self._accepted)
         self._problem.num_steps = self._num_steps

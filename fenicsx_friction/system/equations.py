@@ -53,6 +53,9 @@ class FurtherEquation:
         row_factors: What makes the conditions on the unknown commensurate with the rows.
     """
 
+    #: What :meth:`begin` sets: arrays that are replaced, never changed.
+    AT_START = ("_before", "_there")
+
     def __init__(
         self,
         residual: ufl.Form,

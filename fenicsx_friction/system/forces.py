@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from typing import Any
 
 from mpi4py import MPI
 
@@ -15,14 +15,12 @@ from dolfinx import fem
 
 from ..certificate.groups import Array, Groups, Labels, connected, number_bodies
 from ..certificate.scales import DIGITS, FAINT, Scales
+from ..contact.contact import Contact
 from ..obstacles.deformable import DeformableObstacle
 from .conditions import constrained_dofs, with_conditions
+from .coupling import Coupling
 from .equations import FurtherEquation
 from .noise import rounding_errors
-
-if TYPE_CHECKING:
-    from ..contact.contact import Contact
-    from .coupling import Coupling
 
 #: Newton stops where what is left of a residual is this share of what rounding hides.
 SHARE = 0.25
@@ -56,6 +54,9 @@ class ForceScales:
         row_factors: What makes a force of each owned row: a stiffness at the conditions, else one.
     """
 
+    #: What :meth:`begin` and :meth:`find_noise` set: arrays that are replaced, never changed.
+    AT_START = ("_forces", "_tractions", "_coordinates", "_given", "_length", "_values", "_noise")
+
     def __init__(
         self,
         unknowns: Sequence[fem.Function],
@@ -69,6 +70,7 @@ class ForceScales:
         self._unknowns, self._contacts, self._bcs = list(unknowns), contacts, bcs
         self._u, self._coupling, self._momentum = unknowns[0], coupling, momentum
         self._comm, self._equations = self._u.function_space.mesh.comm, equations
+        self._measured: list[ForceScales | FurtherEquation] = [self, *equations]
         self.number, body = number_bodies(self._u.function_space)
         self._stiffness = abs(stiffness)
         dofs = np.repeat(body, self._u.function_space.dofmap.index_map_bs)[: len(stiffness)]
@@ -100,6 +102,15 @@ class ForceScales:
         self._values = self._over_ranks(values)
         for equation in self._equations:
             equation.begin()
+
+    def save(self) -> object:
+        """Return what the start of a step left, see :meth:`begin`; not collective."""
+        return [(part, {k: getattr(part, k) for k in part.AT_START}) for part in self._measured]
+
+    def restore(self, saved: Any) -> None:
+        """Put back what :meth:`save` returned; not collective."""
+        for part, values in saved:
+            vars(part).update(values)
 
     def find_noise(self) -> None:
         """Find what rounding leaves of the forces of this state, until the next step begins."""
