@@ -23,8 +23,9 @@ from dolfinx.fem.petsc import LinearProblem
 
 import fenicsx_friction as ff
 from fenicsx_friction import bulk
-from fenicsx_friction.system.coupled_solver import CoupledSolver
-from fenicsx_friction.system.coupling import Coupling
+from fenicsx_friction.obstacles.node_to_face import NodeToFace
+from fenicsx_friction.system.contact_terms import ContactTerms
+from fenicsx_friction.system.snes_callbacks import Callbacks
 from raous_cost import DIRECT, median
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
@@ -32,12 +33,12 @@ import demo_concentric_spheres as spheres
 
 #: What is timed: a name, the class and its methods. No method of a part calls another of a part.
 PARTS = (
-    ("search", ff.DeformableObstacle, ("anchor", "search")),
-    ("crossings", ff.DeformableObstacle, ("crossed",)),
-    ("kinematics", Coupling, ("update",)),
-    ("forces", Coupling, ("_add_forces",)),
-    ("matrices", Coupling, ("matrices",)),
-    ("sparsity", CoupledSolver, ("prepare",)),
+    ("search", NodeToFace, ("anchor", "search")),
+    ("crossings", NodeToFace, ("crossed",)),
+    ("kinematics", ContactTerms, ("update",)),
+    ("forces", ContactTerms, ("_add_forces",)),
+    ("matrices", ContactTerms, ("matrices",)),
+    ("sparsity", Callbacks, ("prepare",)),
 )
 
 

@@ -157,7 +157,7 @@ def draw_states(model: Model, fields: ff.ContactFields, time: float, output: Pat
     """Draw which nodes are open, stick and slip, where they are now."""
     surface = model.contact.surface
     n = surface.num_owned
-    local = (model.contact.nodal_position(), fields.state.x.array[:n])
+    local = (model.contact.pairing.positions(), fields.state.x.array[:n])
     parts = surface.mesh.comm.gather(local)
     if parts is None:
         return

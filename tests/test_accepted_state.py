@@ -5,7 +5,7 @@ import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
-from fenicsx_friction.obstacles import deformable
+from fenicsx_friction.obstacles import node_to_face
 from fenicsx_friction.surfaces.face_cells import FACE_CELLS, project
 from models import block
 
@@ -45,8 +45,6 @@ def test_contacts_of_a_failed_constructor_are_free(kind):
     make = {"rigid": lambda p: block("hexahedron", 0.3, p), "deformable": lambda p: stack(0.3, p)}
     model = make[kind](f"first_{kind}_")
     surface, obstacle = model.contact.surface, model.contact.obstacle
-    if kind == "deformable":
-        obstacle = ff.DeformableObstacle(obstacle.primary)
     contact = ff.Contact(surface, obstacle, ff.Coulomb(0.3))
     with pytest.raises(ff.ContactInputError, match="no positive stiffness"):
         again(model, contact, f"wrong_{kind}_", sign=-1.0)
@@ -60,7 +58,7 @@ def test_a_projection_that_is_not_found_is_never_certified(monkeypatch):
     model.move(0.0, 0.0, -0.01)
     assert model.problem.solve().certified
     assert model.problem.certify().certified
-    monkeypatch.setattr(deformable, "project", lambda cell, face, x, start: np.nan * start)
+    monkeypatch.setattr(node_to_face, "project", lambda cell, face, x, start: np.nan * start)
     assert not model.problem.certify().certified
 
 
@@ -109,7 +107,7 @@ def test_problems_of_one_prefix_keep_their_options_apart():
         assert problem.solve().certified
     found = []
     for problem in problems:
-        pc = problem.projection.problem.solver.getKSP().getPC()
+        pc = problem.projection.solver.getKSP().getPC()
         found.append(pc.getFactorMatrix().getMumpsIcntl(14))
     assert found == [77, 33]
     contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.3))

@@ -8,7 +8,8 @@ import pytest
 import fenicsx_friction as ff
 from bodies import stack
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
-from fenicsx_friction.system import coupling
+from fenicsx_friction.obstacles.node_to_face import NodeToFace
+from fenicsx_friction.system import contact_terms
 from models import gathered
 
 FLAT = {
@@ -46,7 +47,12 @@ def test_action_equals_reaction(kind):
     for x in (0.01, 0.2):
         model.move(x, *([0.05] * (d - 2)), -0.03)
         report = model.problem.solve()
-    bodies = model.problem.coupling.momentum()  # residual: minus the force on the primary body
+    contact = model.contact
+    nodes = np.zeros_like(model.problem.u.x.array).reshape(-1, d)
+    n = contact.surface.num_owned
+    nodes[contact.parent_dofs[:n]] = contact.nodal_area()[:, None] * contact.nodal_traction()
+    bodies = model.problem.terms.momentum()  # residual: minus the forces on both bodies
+    bodies = bodies + nodes.ravel()[: len(bodies)]  # on the primary body alone
     n = len(bodies) // d
     x = V.tabulate_dof_coordinates()[:n, :d] + model.problem.u.x.array.reshape(-1, d)[:n]
     f = -bodies.reshape(-1, d)
@@ -134,7 +140,7 @@ def test_slip_crosses_faces(comm):
         model.move(x, 0.0, -0.02)
         report = model.problem.solve()
         assert report.contacts[0].slip == 16
-        faces |= set(model.contact.obstacle.pairs.face.tolist())
+        faces |= set(model.contact.pairing.pairs.face.tolist())
     assert len(set().union(*comm.allgather(faces))) > 8
     path = model.contact.path.x.array
     # Rigid sliding but for the lag of the elastic block, mu p h / G of the way.
@@ -156,7 +162,7 @@ def test_nodes_that_slide_off_the_edge_are_let_go():
     for x in np.linspace(0.1, 0.8, 8):
         model.move(x, 0.0, -0.01)
         report = model.problem.solve()
-    paired = model.problem.comm.allreduce(int(np.sum(model.contact.obstacle.pairs.paired)))
+    paired = model.problem.comm.allreduce(int(np.sum(model.contact.pairing.pairs.paired)))
     assert 3 <= paired < 15
     assert report.contacts[0].open >= 15 - paired
     assert report.contacts[0].force[2] > 0.0
@@ -201,28 +207,41 @@ def test_resumed_run_equals_the_uninterrupted_one(tmp_path, comm):
 
 
 def test_dropped_derivatives_are_seen(monkeypatch):
-    monkeypatch.setattr(coupling, "_element_matrices", lambda pair, law: 0.0 * ORIGINAL(pair, law))
+    monkeypatch.setattr(contact_terms, "_element_matrices", without_stencil)
     model = stack(0.5, "dropped_")
     model.move(0.0, 0.0, -0.02)
     assert ff.check_jacobian(model.problem).error > 1e-3
 
 
-ORIGINAL = coupling._element_matrices
+ORIGINAL = contact_terms._element_matrices
+
+
+def without_stencil(k, kernel):
+    """Drop all derivatives by the positions of the stencil."""
+    matrix = ORIGINAL(k, kernel)
+    matrix[:, :, : k.pairing.derivatives()[0].shape[2]] = 0.0
+    return matrix
 
 
 def test_missing_reaction_is_refused(monkeypatch):
     """Newton without the force on the base finds a state of the block alone."""
-    add_forces = coupling.Coupling._add_forces
+    add_residual, weights = contact_terms.ContactTerms.add_residual, NodeToFace.weights
 
-    def forgetful(self, vector, targets):
-        """Add the forces for the certificate only."""
-        if targets[0] is self.pairs[0].reactions:
-            add_forces(self, vector, targets)
-        vector.assemble()
+    def alone(self):
+        """No share of the force for the faces."""
+        shares = weights(self)
+        shares[:, 1:] = 0.0
+        return shares
+
+    def forgetful(self, b, law):
+        """Forget the reaction in the residual, but not for the certificate."""
+        with monkeypatch.context() as patch:
+            patch.setattr(NodeToFace, "weights", alone)
+            add_residual(self, b, law)
 
     model = stack(0.5, "no_reaction_", fallbacks=0)
     model.move(0.0, 0.0, -0.02)
-    monkeypatch.setattr(coupling.Coupling, "_add_forces", forgetful)
+    monkeypatch.setattr(contact_terms.ContactTerms, "add_residual", forgetful)
     with pytest.raises(ff.StepFailed) as failure:
         model.problem.solve()
     assert failure.value.report.certificate.relative > 1e-3
@@ -233,15 +252,24 @@ def test_missing_reaction_is_refused(monkeypatch):
 # -- bad input ------------------------------------------------------------------------------------
 
 
-def test_an_obstacle_serves_one_contact():
-    model = stack(0.5, "shared_")
-    with pytest.raises(ff.ContactInputError, match="already belongs to a contact"):
-        ff.FrictionalContactProblem(
-            model.problem.bulk,
-            model.problem.u,
-            contact=ff.Contact(model.contact.surface, model.contact.obstacle, ff.Frictionless()),
-            petsc_options_prefix="shared_again_",
-        )
+def test_an_obstacle_serves_any_number_of_contacts():
+    """Of two problems that take turns, each keeps its own pairs."""
+    model, other = stack(0.5, "shared_"), stack(0.5, "own_")
+    contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.5))
+    again = ff.FrictionalContactProblem(
+        model.problem.bulk,
+        model.problem.u,
+        contact=contact,
+        bcs=model.problem.bcs,
+        petsc_options_prefix="shared_again_",
+    )
+    for x, z in ((0.0, -0.01), (0.3, -0.01)):
+        for one in (model, other):
+            one.move(x, 0.0, z)
+        model.problem.u.x.array[:] = again.u_old.x.array
+        forces = [p.solve().contacts[0].force for p in (again, other.problem)]
+        assert forces[0] == pytest.approx(forces[1], rel=1e-9)
+    assert not np.array_equal(contact.pairing.pairs.face, model.contact.pairing.pairs.face)
 
 
 def test_a_coarse_secondary_surface_is_warned_about():

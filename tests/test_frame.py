@@ -48,7 +48,7 @@ def test_frames_follow_normals_and_tractions_stay():
     n = turning.surface.num_owned
     motion.angle.value = 0.45 * np.pi
     turning.c.x.array[:] = np.tile([3.0, 0.5, -0.2], len(turning.c.x.array) // 3)
-    before, normals = turning.nodal_traction(), turning.nodal_normal()
+    before, normals = turning.nodal_traction(), turning.pairing.normals()
     assert np.all(steep_hints(normals, turning.hint.x.array.reshape(-1, 3)[:n]))
     turning.choose_frames()
     assert not np.any(steep_hints(normals, turning.hint.x.array.reshape(-1, 3)[:n]))

@@ -8,7 +8,7 @@ import pytest
 import fenicsx_friction as ff
 from bodies import stack
 from fenicsx_friction.laws import rows
-from fenicsx_friction.system import substep
+from fenicsx_friction.system import newton
 from models import raous
 
 
@@ -17,12 +17,12 @@ def alive(monkeypatch):
     """References to all nonlinear problems that are made; no garbage collector."""
     made = []
 
-    class Watched(substep.NonlinearProblem):
+    class Watched(newton.NonlinearProblem):
         def __init__(self, *args, **kwargs):
             super().__init__(*args, **kwargs)
             made.append(weakref.ref(self))
 
-    monkeypatch.setattr(substep, "NonlinearProblem", Watched)
+    monkeypatch.setattr(newton, "NonlinearProblem", Watched)
     gc.disable()
     yield lambda: [problem() is not None for problem in made]
     gc.enable()

@@ -41,7 +41,7 @@ def moment(model):
     """Return the moment of the contact forces about the origin, and the normal force."""
     problem, contact = model.problem, model.contact
     nodal, t = contact.nodal(), contact.nodal_traction()
-    x = contact.nodal_position()
+    x = contact.pairing.positions()
     turning = nodal.area @ (x[:, 0] * t[:, 1] - x[:, 1] * t[:, 0])
     return problem.comm.allreduce(np.array([turning, nodal.area @ nodal.c[:, 0]]))
 

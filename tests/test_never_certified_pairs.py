@@ -23,10 +23,10 @@ def test_a_block_that_is_carried_through_the_base_is_refused(depth):
     """Deeper than the reach no node would meet a face; the pairs are back where they were."""
     model = stack(0.3, "tunnel_", **APART, search=ff.SearchPolicy(reach=0.2))
     model.move(0.0, -GAP - depth)
-    before = model.contact.obstacle.pairs
+    before = model.contact.pairing.pairs
     with pytest.raises(ff.StepFailed, match=r"5 nodes of 'secondary' went through the obstacle"):
         model.problem.solve()
-    assert model.contact.obstacle.pairs is before
+    assert model.contact.pairing.pairs is before
     model.move(0.0, -0.5 * GAP)
     report = model.problem.solve()
     assert report.contacts[0].open == 5

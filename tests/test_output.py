@@ -74,7 +74,7 @@ def test_moment_in_two_dimensions():
     model = raous(16, 8, 0.5, "moment2d_")
     totals = model.problem.solve().contacts[0]
     (state,) = model.problem.accepted
-    x, y = model.contact.nodal_position().T
+    x, y = model.contact.pairing.positions().T
     # On a floor the frame is (y, x): moment about z = x f_y - y f_x.
     expected = np.sum(state.area * (x * state.c[:, 0] - y * state.c[:, 1]))
     assert totals.moment == pytest.approx((expected,), rel=1e-12)

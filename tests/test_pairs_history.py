@@ -12,6 +12,7 @@ import fenicsx_friction as ff
 from bodies import stack
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
 from fenicsx_friction.increment import snapshot as state
+from fenicsx_friction.obstacles.node_to_face import NodeToFace
 from fenicsx_friction.obstacles.pair_kernel import PairGeometry, PairKernel
 from fenicsx_friction.obstacles.search import SearchPolicy, find_pairs
 from fenicsx_friction.surfaces.face_cells import FACE_CELLS
@@ -32,9 +33,14 @@ SLIDING = {
 def seen(model):
     """Return all that a user sees of a contact, and its certificate."""
     k = model.contact
-    fields = [k.nodal_traction(), k.nodal_normal(), k.nodal_position(), *vars(k.nodal()).values()]
+    fields = [
+        k.nodal_traction(),
+        k.pairing.normals(),
+        k.pairing.positions(),
+        *vars(k.nodal()).values(),
+    ]
     certificate = vars(model.problem.certify())
-    obstacle = k.obstacle
+    obstacle = k.pairing
     pairs = [obstacle.pairs.face, obstacle.pairs.xi, obstacle.nodes(), obstacle.field.x.array]
     return [np.array(a, copy=True) for a in (*fields, *pairs) if a is not None], certificate
 
@@ -55,19 +61,19 @@ def test_a_snapshot_brings_the_pairs_back_bit_for_bit():
         model.move(x, -0.01)
         model.problem.solve()
     before, snapshot = seen(model), state.ProblemSnapshot(model.problem)
-    faces, version = model.contact.obstacle.pairs.face.copy(), model.contact.obstacle.version
+    faces, version = model.contact.pairing.pairs.face.copy(), model.contact.pairing.version
     ends, versions = [], []
     for _ in range(2):
         model.move(0.8, -0.01)
         model.problem.solve()
-        versions.append(model.contact.obstacle.version)
-        changed = bool(np.any(model.contact.obstacle.pairs.face != faces))
+        versions.append(model.contact.pairing.version)
+        changed = bool(np.any(model.contact.pairing.pairs.face != faces))
         assert model.problem.comm.allreduce(changed, MPI.LOR)
         ends.append(seen(model))
         snapshot.restore()
         model.move(0.05, -0.01)
         assert same(seen(model), before)
-        assert model.contact.obstacle.version == version
+        assert model.contact.pairing.version == version
     assert same(*ends)
     assert len({version, *versions}) == 3  # no number for two sets of pairs
 
@@ -77,12 +83,12 @@ def test_a_failed_step_leaves_the_pairs_of_the_last_accepted_one(monkeypatch):
     model = stack(0.3, "failed_", **SLIDING)
     model.move(0.0, -0.01)
     model.problem.solve()
-    before, pairs = seen(model), model.contact.obstacle.pairs
+    before, pairs = seen(model), model.contact.pairing.pairs
     model.move(0.8, -0.01)
     monkeypatch.setattr(ff.Certificate, "solved", property(lambda self: False))
     with pytest.raises(ff.StepFailed):
         model.problem.solve()
-    assert model.contact.obstacle.pairs is pairs
+    assert model.contact.pairing.pairs is pairs
     monkeypatch.undo()
     model.move(0.0, -0.01)
     assert same(seen(model), before)
@@ -98,7 +104,7 @@ def test_after_reading_a_checkpoint_the_fields_are_those_of_the_accepted_step(tm
     write_checkpoint(path, model.problem)
     again.move(0.71, -0.01)
     read_checkpoint(path, again.problem)
-    assert np.array_equal(again.contact.obstacle.pairs.face, model.contact.obstacle.pairs.face)
+    assert np.array_equal(again.contact.pairing.pairs.face, model.contact.pairing.pairs.face)
     for name in ("gap", "c"):
         there, here = (getattr(m.contact.nodal(), name) for m in (model, again))
         assert here == pytest.approx(there, abs=1e-12 * np.max(abs(there), initial=1.0))
@@ -112,7 +118,7 @@ def test_after_reading_a_checkpoint_the_fields_are_those_of_the_accepted_step(tm
 def test_slip_starts_from_the_point_that_was_met_at_the_last_step():
     """The base is stretched unevenly, the block moved over several faces: in closed form."""
     model = stack(ff.Frictionless(), "history_", **SLIDING)
-    obstacle, block = model.contact.obstacle, block_dofs(model)
+    obstacle, block = model.contact.pairing, block_dofs(model)
     X, nodes = model.problem.u.function_space.tabulate_dof_coordinates()[:, 0], np.arange(9) / 4.0
     for f, shift, stretch in ((model.problem.u_old, 0.3, 0.1), (model.problem.u, 0.9, 0.4)):
         f.x.array[::2] = np.where(block, shift, stretch * X**2)
@@ -190,12 +196,12 @@ def test_the_pairs_follow_within_the_step(monkeypatch):
         model.problem.solve()
         model.move(0.5, -0.06)
         if cut:
-            monkeypatch.setattr(ff.DeformableObstacle, "search", lambda self: False)
+            monkeypatch.setattr(NodeToFace, "search", lambda self: False)
             with pytest.raises(ff.StepFailed, match="went through"):
                 model.problem.solve()
         else:
             assert model.problem.solve().certified
-            model.contact.obstacle.anchor()  # the nearest faces of the solution
+            model.contact.pairing.anchor()  # the nearest faces of the solution
             assert np.all(model.contact.nodal().gap > -1e-9)
 
 
@@ -211,7 +217,7 @@ def wavy(x):
 def test_a_node_goes_back_to_a_face_only_when_it_has_left_the_other_by_far():
     """From the face [0, 0.25] to the next; 2 % back over the edge it stays, 10 % it goes back."""
     model = stack(ff.Frictionless(), "keep_", **SLIDING)
-    obstacle, u = model.contact.obstacle, model.problem.u
+    obstacle, u = model.contact.pairing, model.problem.u
     block = block_dofs(model)
     faces = []
     for shift in (0.0, 0.2, 0.12, 0.1):

@@ -7,6 +7,9 @@ from typing import TypeVar
 
 from mpi4py import MPI
 
+import numpy as np
+import numpy.typing as npt
+
 T = TypeVar("T")
 
 
@@ -76,3 +79,23 @@ def _attempt(work: Callable[[], T]) -> tuple[tuple[T] | None, BaseException | No
         return (work(),), None
     except BaseException as error:
         return None, error
+
+
+def any_rank(comm: MPI.Intracomm, flag: bool) -> bool:
+    """Tell whether a flag is set on any rank; collective."""
+    return bool(comm.allreduce(flag, MPI.LOR))
+
+
+def gather_rows(comm: MPI.Intracomm, rows: npt.NDArray, counts: npt.NDArray) -> npt.NDArray:
+    """Return the rows of all ranks, in the order of the ranks; collective.
+
+    Args:
+        comm: The ranks.
+        rows: The rows of this rank, of one type and shape on all ranks.
+        counts: Number of rows of each rank.
+    """
+    shape = rows.shape[1:]
+    found = np.empty((int(np.sum(counts)), *shape), dtype=rows.dtype)
+    sizes = [int(count) * int(np.prod(shape)) for count in counts]
+    comm.Allgatherv(np.ascontiguousarray(rows), (found, sizes))
+    return found

@@ -45,8 +45,7 @@ def check_normals(contact: Contact) -> None:
     surface = contact.surface
     if not isinstance(contact.obstacle, RigidObstacle):
         return
-    normals = contact.evaluator(contact.kinematics.normal)()
-    bad = surface.x[surface.sources(~np.isfinite(normals).all(axis=1))]
+    bad = surface.x[~np.isfinite(contact.pairing.normals()).all(axis=1)]
     found = [part for part in surface.mesh.comm.allgather(bad.tolist()) if part]
     if found:
         where = ", ".join(f"{value:.6g}" for value in found[0][0])

@@ -5,7 +5,6 @@ import warnings
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
 from ..base.errors import ContactInputError
 from ..surfaces.naming import named
@@ -22,18 +21,17 @@ CURE = (
 )
 
 
-def check_sides(contact: Contact, u: fem.Function) -> None:
+def check_sides(contact: Contact) -> None:
     """Warn of an obstacle that looks away from the surface, or refuse it; collective.
 
     Args:
         contact: The contact, after ``bind``.
-        u: Displacement.
 
     Raises:
         ContactInputError: If it looks away everywhere from nodes that are at it or behind it, or
             if all nodes are behind it, some the wrong way round.
     """
-    view = contact.obstacle.view(contact, u)
+    view = contact.pairing.view(contact.pairing.side.u)
     n, d = contact.surface.num_owned, contact.surface.mesh.geometry.dim
     touch = TOUCH * contact.surface.area.x.array[:n] ** (1.0 / (d - 1))
     at, wrong = view.gap <= touch, view.cosine > ALONG

@@ -66,7 +66,6 @@ class ContactFields:
         self.traction = fem.Function(W, name="traction")
         self.tangential = fem.Function(W, name="tangential_traction")
         self.slip = fem.Function(W, name="slip")
-        self._normal = self._contact.evaluator(self._contact.kinematics.normal)
 
     @property
     def scalars(self) -> list[fem.Function]:
@@ -87,7 +86,7 @@ class ContactFields:
         if not self._problem.accepted:
             raise ContactInputError("There is no accepted step yet: call problem.solve() first.")
         nodal, contact = self._problem.accepted[self._index], self._contact
-        normals, traction = self._normal(), contact.nodal_traction()
+        normals, traction = contact.pairing.normals(), contact.nodal_traction()
         pressure = np.einsum("ij,ij->i", traction, normals)
         _set(self.gap, nodal.gap)
         _set(self.pressure, pressure)

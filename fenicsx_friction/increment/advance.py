@@ -41,7 +41,7 @@ def advance(system: ContactSystem) -> StepReport:
 def _advance(system: ContactSystem) -> StepReport:
     """Try the ways to solve an increment, commit the first certified solution."""
     for k in system.contacts:
-        k.obstacle.anchor()
+        k.pairing.anchor()
         k.choose_frames()
     changed = [*system.state, *(f for k in system.contacts for f in (k.hint, k.free))]
     start = snapshot.save(changed)
@@ -58,7 +58,7 @@ def _advance(system: ContactSystem) -> StepReport:
         if attempt is not None:
             for k in system.contacts:
                 if substeps:  # an attempt before has changed the pairs
-                    k.obstacle.anchor()
+                    k.pairing.anchor()
                 k.close_touching()
             with _scaled(system, attempt.r_factor):
                 substeps += correct(system, attempt, forces)
@@ -113,7 +113,7 @@ def _settle(system: ContactSystem, attempt: Attempt) -> list[SubstepReport]:
     """
     reports: list[SubstepReport] = []
     for searched in range(MAX_SEARCHES):
-        changed = [k.obstacle.search() for k in system.contacts]
+        changed = [k.pairing.search() for k in system.contacts]
         if not any(changed) or searched == MAX_SEARCHES - 1:
             break
         reports.append(polish(system, attempt))

@@ -15,7 +15,7 @@ def crossed_nodes(system: ContactSystem) -> list[str]:
     """
     lines = []
     for k, state in zip(system.contacts, system.nodal_states(), strict=True):
-        crossed = k.obstacle.crossed(k, system.u, system.u_old, state.states() != OPEN)
+        crossed = k.pairing.crossed(state.states() != OPEN)
         if number := system.comm.allreduce(int(np.sum(crossed))):
             lines.append(
                 f"{number} nodes of '{k.surface.name}' went through the obstacle in this step "

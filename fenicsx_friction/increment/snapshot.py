@@ -48,7 +48,7 @@ class ProblemSnapshot:
         self._functions = list(functions.values())
         motions = [k.obstacle.motion for k in problem.contacts if k.obstacle.motion is not None]
         self._motions = [(motion, motion.save()) for motion in motions]
-        self._obstacles = [(k.obstacle, k.obstacle.save()) for k in problem.contacts]
+        self._pairings = [(k.pairing, k.pairing.save()) for k in problem.contacts]
         self._problem, self._values = problem, save(self._functions)
         self._scales = problem.scales.save()
         self._dt = problem.dt.value.copy()
@@ -61,8 +61,8 @@ class ProblemSnapshot:
         restore(self._functions, self._values)
         for motion, position in self._motions:
             motion.restore(position)
-        for obstacle, saved in self._obstacles:
-            obstacle.restore(saved)
+        for pairing, saved in self._pairings:
+            pairing.restore(saved)
         self._problem.scales.restore(self._scales)
         self._problem.dt.value = self._dt
         self._problem.accepted = list(self._accepted)

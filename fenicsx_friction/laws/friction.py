@@ -3,14 +3,15 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from ..base.errors import ContactInputError
+from ..base.literals import as_constant
 from ..base.validators import call, kind, number, shown, vector
 from . import rows
 
@@ -58,6 +59,14 @@ class FrictionLaw(ABC):
     def row(self, s: Expr, c_t: Expr, limit: Expr, r: Expr, eps: Expr) -> Expr:
         """Return the tangential residual (Pa) of a node, zero where the law holds."""
         return rows.projection_row(s, c_t, limit, r, eps)
+
+    def on(self, msh: mesh.Mesh) -> "FrictionLaw":
+        """Return the law with Constants of a mesh in place of numbers, to compile it once.
+
+        Numbers in expressions become Constants anyway; what folds to another expression for some
+        numbers (``0 * pressure``) is worth an override.
+        """
+        return self
 
     @property
     def certifiable(self) -> bool:
@@ -111,6 +120,12 @@ class Coulomb(FrictionLaw):
         _check(self.adhesion, "The adhesion")
         if self.cap is not None:
             _check(self.cap, "The cap")
+
+    def on(self, msh: mesh.Mesh) -> "Coulomb":
+        """Return the law with a Constant in place of a number ``mu``."""
+        if isinstance(self.mu, Expr) or callable(self.mu):
+            return self
+        return replace(self, mu=as_constant(self.mu, msh))
 
     def limit(self, pressure: Expr, sliding: Sliding) -> Expr:
         """Return ``min(adhesion + mu * pressure, cap)``."""

@@ -46,7 +46,7 @@ class NodeWatch:
         """Watch the substeps run inside the context; forget those watched before."""
         problem = self._problem()
         assert problem is not None
-        if self._solver is not (solver := problem.projection.problem.solver):
+        if self._solver is not (solver := problem.projection.solver):
             self._solver = solver
             solver.setMonitor(self._record)  # PETSc could only cancel all monitors, the user's too
         told = problem.monitor

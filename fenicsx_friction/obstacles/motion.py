@@ -48,6 +48,8 @@ class RigidMotion:
         if not direction.any():
             raise ContactInputError(f"The axis of rotation {axis} has no direction.")
         self._axis = direction / np.linalg.norm(direction)
+        self._center_in_ufl = fem.Constant(msh, self._center)
+        self._axis_in_ufl = fem.Constant(msh, self._axis)
         self.translation, self._old_translation = (
             fem.Constant(msh, np.zeros(d, dtype=default_scalar_type)) for _ in range(2)
         )
@@ -57,13 +59,13 @@ class RigidMotion:
 
     def undo(self, x: Expr) -> Expr:
         """Return the point of the unmoved obstacle that is at ``x`` now."""
-        center = ufl.as_vector(self._center.tolist())
+        center = self._center_in_ufl
         back = ufl.transpose(self._rotation(self.angle))
         return center + ufl.dot(back, x - center - self.translation)
 
     def displacement(self, X: Expr) -> Expr:
         """Return how far the point ``X`` of the unmoved obstacle has moved (m)."""
-        center = ufl.as_vector(self._center.tolist())
+        center = self._center_in_ufl
         return self.translation + ufl.dot(self._turned(self.angle), X - center)
 
     def turned(self, direction: Expr) -> Expr:
@@ -72,7 +74,7 @@ class RigidMotion:
 
     def carried_along(self, x: Expr) -> Expr:
         """Return how far the point at ``x`` at the last accepted step has moved since (m)."""
-        center = ufl.as_vector(self._center.tolist())
+        center = self._center_in_ufl
         turned = self._turned(self.angle - self._old_angle)
         arm = x - center - self._old_translation
         return self.translation - self._old_translation + ufl.dot(turned, arm)
@@ -124,6 +126,6 @@ class RigidMotion:
         versine, s = 2.0 * ufl.sin(angle / 2.0) ** 2, ufl.sin(angle)
         if len(self._center) == 2:
             return ufl.as_matrix([[-versine, -s], [s, -versine]])
-        a = ufl.as_vector(self._axis.tolist())
+        a = self._axis_in_ufl
         cross = ufl.as_matrix([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
         return s * cross + versine * (ufl.outer(a, a) - ufl.Identity(3))

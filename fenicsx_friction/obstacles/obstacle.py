@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a contact needs to know of the other side: gap, slip increment and frame of each node."""
+"""What a body meets, and what each node of its surface meets of it."""
 
 from __future__ import annotations
 
@@ -9,57 +9,28 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import ufl
 from dolfinx import fem
-from ufl.core.expr import Expr
 
 from ..surfaces.faces import surface_normals
+from .kinematics import Array, Kinematics, frames, kinematic_field, slices
 from .motion import RigidMotion
 from .side import Side
 
+Mask = npt.NDArray[np.bool_]
 
-@dataclass(frozen=True)
-class Kinematics:
-    """Gap, slip increment and frame of a contact point, in UFL.
+
+class Obstacle(ABC):
+    """What a body meets: a rigid obstacle, or the surface of a deformable body.
 
     Attributes:
-        gap: Signed gap (m).
-        slip: Slip increment (m) in the frame, ``gdim - 1`` components.
-        normal: Unit normal towards the body.
-        tangents: Unit tangents.
+        motion: A rigid motion that the user sets, if any.
     """
 
-    gap: Expr
-    slip: Expr
-    normal: Expr
-    tangents: tuple[Expr, ...]
+    motion: RigidMotion | None = None
 
-    @classmethod
-    def of(cls, gap: Expr, way: Expr, normal: Expr, first: Expr) -> Kinematics:
-        """Complete a frame and take the slip in it.
-
-        Args:
-            gap: Signed gap (m).
-            way: How far the node has moved (m) from where the obstacle's point once under it is.
-            normal: Unit normal towards the body.
-            first: First tangent (3D only).
-        """
-        if len(normal) == 2:
-            tangents: tuple[Expr, ...] = (ufl.as_vector([normal[1], -normal[0]]),)
-        else:
-            tangents = (first, ufl.cross(normal, first))
-        slip = ufl.as_vector([ufl.dot(e, way) for e in tangents])
-        return cls(gap, slip, normal, tangents)
-
-    def traction(self, c: Expr) -> Expr:
-        """Return the traction vector of the multipliers ``c = (c_n, c_1[, c_2])``."""
-        return sum((c[k + 1] * e for k, e in enumerate(self.tangents)), c[0] * self.normal)
-
-
-def first_tangent(normal: Expr, hint: Expr) -> Expr:
-    """Return the unit vector along the tangential part of a hint."""
-    first = hint - ufl.dot(hint, normal) * normal
-    return first / ufl.sqrt(ufl.dot(first, first))
+    @abstractmethod
+    def meet(self, side: Side) -> Pairing:
+        """Return what keeps, for each node of a side, what it meets of the obstacle; collective."""
 
 
 @dataclass(frozen=True)
@@ -73,39 +44,103 @@ class View:
         lost: How deep (m) the node is behind what it should meet and is too deep to; else 0.
     """
 
-    cosine: npt.NDArray[np.floating]
-    gap: npt.NDArray[np.floating]
-    lost: npt.NDArray[np.floating]
+    cosine: Array
+    gap: Array
+    lost: Array
 
 
-class Obstacle(ABC):
-    """What a body meets: a rigid obstacle, or the surface of a deformable body.
+class Pairing(ABC):
+    """What each owned node of a side meets: its kinematics, and whom its force acts on.
 
-    The laws see an obstacle's :class:`Kinematics` only. The other methods are for obstacles whose
-    kinematics UFL cannot express in the node's own displacement; by default they do nothing.
+    The kinematics of a node depend on the displacements of a few points, its *stencil*: the node
+    itself comes first. The force on the node is shared by the first points of the stencil in
+    proportion to ``weights``, whose sum is zero where the other side is deformable too. A new kind
+    of contact brings a stencil, the field and their derivatives; laws, solvers, certificate and
+    outputs ask for nothing else.
+
+    Args:
+        side: The side.
 
     Attributes:
-        motion: A rigid motion that the user sets, if any.
-        deformable: Whether the kinematics depend on the displacement of other nodes.
+        field: The kinematics as a field, see :mod:`~fenicsx_friction.obstacles.kinematics`.
+        kinematics: The same in UFL.
+        deformable: Whether the stencil has points beside the node.
+        version: Changes with the stencils.
         lost: Owned nodes whose gap is not known at the present displacement, if any.
     """
 
-    motion: RigidMotion | None = None
     deformable = False
-    lost: npt.NDArray[np.bool_] | None = None
+    version = 0
+    lost: Mask | None = None
 
-    def view(self, contact: Side, u: fem.Function) -> View:
-        """Return how the obstacle looks at the surface; collective.
+    def __init__(self, side: Side) -> None:
+        self.side, self.field = side, kinematic_field(side.surface)
+        self.kinematics = Kinematics.of(self.field, side.d)
+
+    # -- kinematics ------------------------------------------------------------------------------
+
+    @abstractmethod
+    def update(self) -> None:
+        """Follow the displacement, as far as it has changed; collective."""
+
+    @abstractmethod
+    def derivatives(self) -> tuple[Array, Array | None]:
+        """Return the derivatives of field and weights by the stencil's positions, flattened.
+
+        They are those of the last :meth:`update`. ``None`` for weights that do not change.
+        """
+
+    @abstractmethod
+    def weights(self) -> Array:
+        """Return the shares of the force, (nodes, points): one for the node, first."""
+
+    @abstractmethod
+    def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
+        """Return the entries of a local array over the displacement's dofs at the stencils.
 
         Args:
-            contact: The contact.
-            u: Displacement.
+            values: One entry a dof, owned and ghost.
+            missing: Stands for points that a stencil does not have.
+
+        Returns:
+            One row a node: (nodes, points, d); collective.
         """
-        cosine = np.sum(contact.nodal_normal() * surface_normals(contact.surface, u), axis=1)
-        gap = contact.gap_and_friction()[0]
+
+    def values(self) -> Array:
+        """Return the entries of the field now, one row an owned node; collective."""
+        self.update()
+        n, size = self.side.surface.num_owned, self.field.function_space.dofmap.bs
+        return self.field.x.array[: n * size].reshape(n, size)
+
+    def gaps(self) -> Array:
+        """Return the gaps (m); collective."""
+        return self.values()[:, 0]
+
+    def ways(self) -> Array:
+        """Return the ways of the step (m), from where the met points are now; collective."""
+        return self.values()[:, slice(*slices(self.side.d)[1])]
+
+    def normals(self) -> Array:
+        """Return the unit normals towards the body; collective."""
+        return self.values()[:, slice(*slices(self.side.d)[2])]
+
+    def positions(self) -> Array:
+        """Return the current positions (m); collective."""
+        return self.values()[:, slice(*slices(self.side.d)[-1])]
+
+    def frames(self) -> Array:
+        """Return the frames ``(n, e_1[, e_2])``, (nodes, d, d); collective."""
+        return frames(self.values(), self.side.d)
+
+    # -- what else is asked of an obstacle -------------------------------------------------------
+
+    def view(self, u: fem.Function) -> View:
+        """Return how the obstacle looks at the surface; collective."""
+        cosine = np.sum(self.normals() * surface_normals(self.side.surface, u), axis=1)
+        gap = self.gaps().copy()
         return View(cosine, gap, np.zeros_like(gap))
 
-    def stiffness(self, diagonal: npt.NDArray[np.floating], V: fem.FunctionSpace) -> float:
+    def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
         """Return the smallest stiffness over area (Pa/m) of the obstacle's nodes; collective.
 
         Args:
@@ -114,26 +149,21 @@ class Obstacle(ABC):
         """
         return float("inf")
 
-    def rounding(self, contact: Side) -> npt.NDArray[np.floating]:
+    def partners(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+        """Return the (blocked) dofs of this rank's nodes that the side may meet."""
+        return np.zeros(0, dtype=np.int32)
+
+    def rounding(self) -> Array:
         """Return the lengths (m), beside displacements, whose last digits gaps and slips round to.
 
         They are those of the coordinates and the obstacle's motion; one an owned node; collective.
         """
-        return np.zeros(contact.surface.num_owned)
+        return np.zeros(self.side.surface.num_owned)
 
-    def crossed(
-        self,
-        contact: Side,
-        u: fem.Function,
-        u_old: fem.Function,
-        closed: npt.NDArray[np.bool_],
-    ) -> npt.NDArray[np.bool_]:
+    def crossed(self, closed: Mask) -> Mask:
         """Tell which nodes have gone through the obstacle since the last step; collective.
 
         Args:
-            contact: The contact.
-            u: Displacement, of a step that is about to be accepted.
-            u_old: Displacement of the last accepted step.
             closed: Owned nodes that are held by a closed contact: they are not asked for.
 
         Returns:
@@ -141,25 +171,19 @@ class Obstacle(ABC):
         """
         return np.zeros(len(closed), dtype=bool)
 
-    def save(self) -> object:
-        """Return what a step changes in the obstacle, its ``motion`` aside; not collective."""
-        return None
-
-    def restore(self, saved: Any) -> None:  # noqa: B027 - rigid obstacles need none
-        """Put back what :meth:`save` returned, bit for bit; not collective."""
-
-    @abstractmethod
-    def kinematics(self, contact: Side, u: fem.Function, u_old: fem.Function) -> Kinematics:
-        """Derive the kinematics of the nodes of the contact's surface.
+    def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
+        """Return which directions are prescribed to both sides; collective.
 
         Args:
-            contact: The contact. The first tangent (3D) is the tangential part of its ``hint``.
-            u: Displacement.
-            u_old: Displacement of the last accepted step.
+            fixed: 1 at the prescribed dofs of the displacement, else 0.
+            nodes: The same for the owned nodes of the surface, one row a node.
         """
+        return nodes
 
-    def update(self) -> None:  # noqa: B027 - rigid obstacles need none
-        """Follow the displacement; collective."""
+    # -- from step to step -----------------------------------------------------------------------
+
+    def anchor(self) -> None:  # noqa: B027 - rigid obstacles need none
+        """Begin an increment at ``u_old``; collective."""
 
     def search(self) -> bool:
         """Look again for what each node meets, after a solve; collective.
@@ -169,16 +193,9 @@ class Obstacle(ABC):
         """
         return False
 
-    def anchor(self) -> None:  # noqa: B027 - rigid obstacles need none
-        """Begin an increment at ``u_old``; collective."""
+    def save(self) -> object:
+        """Return what a step changes here, the obstacle's motion aside; not collective."""
+        return None
 
-    def prescribed(
-        self, fixed: fem.Function, nodes: npt.NDArray[np.bool_]
-    ) -> npt.NDArray[np.bool_]:
-        """Return which directions are prescribed to both sides; collective.
-
-        Args:
-            fixed: 1 at the prescribed dofs of the displacement, else 0.
-            nodes: The same for the owned nodes of the surface, one row a node.
-        """
-        return nodes
+    def restore(self, saved: Any) -> None:  # noqa: B027 - rigid obstacles need none
+        """Put back what :meth:`save` returned, bit for bit; not collective."""

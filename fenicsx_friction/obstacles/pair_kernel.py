@@ -59,6 +59,7 @@ class PairKernel:
         self._z = self._vector(gdim * (1 + 2 * cell.nodes))
         self._xi, self._old = self._vector(cell.dim), self._vector(cell.nodes)
         self._hint = self._vector(gdim)
+        self.size = 1 + gdim * gdim  # gap, way, normal and in 3D a tangent
         z = ufl.variable(self._z)
         values, point = self._element(z), np.zeros((1, 0))
         expression = compiled(fem.Expression, comm)

@@ -6,17 +6,14 @@ way is a straight line in the frame of the obstacle. It has passed if it dives i
 and the normals of entry and exit oppose each other: a node that rolls along cuts a corner only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
-from mpi4py import MPI
-
 import numpy as np
-import numpy.typing as npt
-from dolfinx import fem
 
+from ..base.collective import any_rank
+from .kinematics import Array
 from .motion import RigidMotion
+from .obstacle import Mask, Pairing
 from .side import Side
 
 #: Points on a way. What is thinner than this part of it may be missed.
@@ -24,17 +21,11 @@ SAMPLES = 32
 #: Nodes dive into an obstacle at gaps below this fraction of their facets' size.
 DIVE = 1e-6
 
-Array = npt.NDArray[np.floating]
-Mask = npt.NDArray[np.bool_]
 
-
-def ways(
-    contact: Side, u: fem.Function, u_old: fem.Function, motion: RigidMotion | None
-) -> tuple[Array, Array]:
+def ways(side: Side, motion: RigidMotion | None) -> tuple[Array, Array]:
     """Return start and end (m) of the local nodes' ways, beside the obstacle where it is now."""
-    d = contact.surface.mesh.geometry.dim
-    X = contact.surface.S.tabulate_dof_coordinates()[:, :d]
-    old, new = (X + f.x.array.reshape(-1, d)[contact.parent_dofs] for f in (u_old, u))
+    X = side.surface.S.tabulate_dof_coordinates()[:, : side.d]
+    old, new = (X + f.x.array.reshape(-1, side.d)[side.parent_dofs] for f in (side.u_old, side.u))
     return (old if motion is None else motion.carried(old)), new
 
 
@@ -51,43 +42,38 @@ def through_ball(start: Array, end: Array, radius: float) -> Mask:
     return np.asarray(nearest < np.sqrt(0.5) * radius)
 
 
-def through_anything(contact: Side, u: fem.Function, start: Array, end: Array, open_: Mask) -> Mask:
-    """Tell which open nodes' ways pass through the contact's obstacle, by its gap; collective.
+def through_anything(pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
+    """Tell which open nodes' ways pass through the obstacle, by its gap; collective.
 
     Looked at are ways longer than the gaps at both ends (a shorter one meets nothing where gaps
-    are distances), and those whose normals at the ends oppose each other. ``u`` is as before
-    afterwards.
+    are distances), and those whose normals at the ends oppose each other. The displacement is as
+    before afterwards.
     """
-    n, d = len(open_), start.shape[1]
-    area = contact.surface.area.x.array[:n]
-    dive = -DIVE * area ** (1.0 / (d - 1))
-    values = u.x.array.reshape(-1, d)
-    kept, end_u = values.copy(), values[contact.parent_dofs]
+    side = pairing.side
+    values = side.u.x.array.reshape(-1, side.d)
+    kept, end_u = values.copy(), values[side.parent_dofs]
 
     def look(t: float) -> tuple[Array, Array]:
         """Return gaps and normals on the way."""
-        values[contact.parent_dofs] = end_u + (1.0 - t) * (start - end)
-        return contact.gap_and_friction()[0], contact.nodal_normal()
+        values[side.parent_dofs] = end_u + (1.0 - t) * (start - end)
+        return pairing.gaps().copy(), pairing.normals().copy()
 
     try:
-        return _sampled(look, np.linalg.norm(end - start, axis=1)[:n], dive, open_, contact)
+        return _sampled(look, np.linalg.norm(end - start, axis=1)[: len(open_)], open_, side)
     finally:
         values[:] = kept
 
 
 def _sampled(
-    look: Callable[[float], tuple[Array, Array]],
-    length: Array,
-    dive: Array,
-    open_: Mask,
-    contact: Side,
+    look: Callable[[float], tuple[Array, Array]], length: Array, open_: Mask, side: Side
 ) -> Mask:
     """Follow the ways; collective."""
+    dive = -DIVE * side.facet_size()
     (gap, before), (last_gap, last_normal) = look(0.0), look(1.0)
     turned = np.sum(before * last_normal, axis=1) < 0.0
     far = open_ & (turned | (length > gap + last_gap))
     passed = np.zeros_like(open_)
-    if not contact.surface.mesh.comm.allreduce(bool(np.any(far)), MPI.LOR):
+    if not any_rank(side.surface.mesh.comm, bool(np.any(far))):
         return passed
     inside = gap < dive
     for t in np.linspace(0.0, 1.0, SAMPLES + 1)[1:]:

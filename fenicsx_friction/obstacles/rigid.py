@@ -8,15 +8,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from ..base.collective import any_rank
 from ..base.errors import ContactInputError
 from ..base.validators import call, instance, kind, shown, vector
+from ..surfaces.nodal_kernel import NodalKernel
+from .kinematics import Array, first_tangent
 from .motion import RigidMotion
-from .obstacle import Kinematics, Obstacle, first_tangent
-from .passage import Array, Mask, through_anything, ways
+from .obstacle import Mask, Obstacle, Pairing
+from .passage import through_anything, ways
 from .side import Side
 
 
@@ -39,6 +43,10 @@ class RigidObstacle(Obstacle):
     def shape(self, X: Expr) -> Expr:
         """Return the signed distance (m) of ``X`` from the unmoved obstacle, positive outside."""
 
+    def meet(self, side: Side) -> RigidPairing:
+        """Return the pairing of a side's nodes with the obstacle; collective."""
+        return RigidPairing(self, side)
+
     def gap(self, x: Expr) -> Expr:
         """Return the signed distance (m) of the current point ``x``, eq. (1) for any obstacle."""
         return self.shape(x if self.motion is None else self.motion.undo(x))
@@ -52,11 +60,6 @@ class RigidObstacle(Obstacle):
         step = u - u_old
         return step if self.motion is None else step - self.motion.carried_along(X + u_old)
 
-    def kinematics(self, contact: Side, u: fem.Function, u_old: fem.Function) -> Kinematics:
-        """Derive the kinematics from gap and motion, see :func:`kinematics`."""
-        X = ufl.SpatialCoordinate(contact.surface.mesh)
-        return kinematics(self.near(contact), X, u, u_old, contact.hint)
-
     def gap_and_normal(self, X: Expr, u: Expr) -> tuple[Expr, Expr]:
         """Return gap (m) and unit normal of a node at rest at ``X`` that has moved by ``u``."""
         point = ufl.variable(X + u)
@@ -64,39 +67,103 @@ class RigidObstacle(Obstacle):
         gradient = ufl.diff(gap, point)
         return gap, gradient / ufl.sqrt(ufl.dot(gradient, gradient))
 
-    def rounding(self, contact: Side) -> Array:
-        """Return how far nodes are from the origin along their normals, and what was carried."""
-        x = contact.nodal_position()
-        return np.sum(abs(contact.nodal_normal() * x), axis=1) + self._carried(x)
+    def kinematic_values(self, X: Expr, u: Expr, u_old: Expr, hint: Expr) -> Expr:
+        """Return the entries of the kinematic field of a node.
 
-    def _carried(self, x: Array) -> Array:
-        """Return how far the obstacle has carried its points at ``x`` (m)."""
-        return np.asarray(np.linalg.norm(x - self._undone(x), axis=1))
+        Args:
+            X: Reference position (m).
+            u: Displacement (m).
+            u_old: Displacement at the last accepted step (m).
+            hint: Vector whose projection on the tangent plane is the first tangent (3D only).
+        """
+        gap, normal = self.gap_and_normal(X, u)
+        first = [] if len(X) == 2 else [*first_tangent(normal, hint)]
+        return ufl.as_vector([gap, *self.way(X, u, u_old), *normal, *first, *(X + u)])
 
-    def near(self, contact: Side) -> RigidObstacle:
-        """Return the same obstacle with a gap that loses no digits at a contact's nodes."""
+    def near(self, side: Side) -> RigidObstacle:
+        """Return the same obstacle with a gap that loses no digits at a side's nodes."""
         return self
 
-    def crossed(self, contact: Side, u: fem.Function, u_old: fem.Function, closed: Mask) -> Mask:
-        """Tell which open nodes have passed right through the obstacle; collective."""
-        start, end = ways(contact, u, u_old, self.motion)
-        return self.passed(contact, u, start, end, ~closed)
+    def rounding(self, pairing: Pairing) -> Array:
+        """Return the lengths (m) that coordinates round to, see ``Pairing.rounding``."""
+        return np.sum(abs(pairing.normals() * pairing.positions()), axis=1)
 
-    def passed(self, contact: Side, u: fem.Function, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which open nodes pass through the obstacle on their ways; collective.
 
         Args:
-            contact: The contact.
-            u: Displacement; put back if it is changed.
+            pairing: The pairing; the displacement is put back if it is changed.
             start: Where local nodes were (m), carried along by the obstacle.
             end: Where they are (m).
             open_: Owned nodes that are asked for.
         """
-        return through_anything(contact, u, start, end, open_)
+        return through_anything(pairing, start, end, open_)
 
-    def _undone(self, x: Array) -> Array:
+    def undone(self, x: Array) -> Array:
         """Return the points of the unmoved obstacle that are at ``x`` now, in numbers."""
         return x if self.motion is None else self.motion.undone(x)
+
+
+class RigidPairing(Pairing):
+    """Nodes that meet a rigid obstacle: each stencil is the node alone.
+
+    Args:
+        obstacle: The obstacle.
+        side: The side.
+    """
+
+    def __init__(self, obstacle: RigidObstacle, side: Side) -> None:
+        super().__init__(side)
+        self.obstacle = obstacle
+        X = ufl.SpatialCoordinate(side.surface.mesh)
+        values = obstacle.near(side).kinematic_values(X, side.u, side.u_old, side.hint)
+        self._kernel = NodalKernel(side.surface, values, [side.u])
+
+    def update(self) -> None:
+        """Follow the displacement, as far as it has changed; collective."""
+        if not any_rank(self.side.surface.mesh.comm, self._kernel.refresh()):
+            return
+        values = self._kernel.values(refresh=False)
+        self.field.x.array[: values.size] = values.ravel()
+        self.field.x.scatter_forward()
+
+    def derivatives(self) -> tuple[Array, None]:
+        """Return the derivatives of the field by the displacement of the node."""
+        return self._kernel.derivatives(refresh=False)[0], None
+
+    def weights(self) -> Array:
+        """Return one share for each node."""
+        return np.ones((self.side.surface.num_owned, 1))
+
+    def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
+        """Return the entries at the nodes."""
+        return self.side.owned(values)[:, None]
+
+    def rounding(self) -> Array:
+        """Return what coordinates round to, and how far the obstacle has carried its points."""
+        x = self.positions()
+        carried = np.linalg.norm(x - self.obstacle.undone(x), axis=1)
+        return np.asarray(self.obstacle.rounding(self) + carried)
+
+    def crossed(self, closed: Mask) -> Mask:
+        """Tell which open nodes have passed right through the obstacle; collective."""
+        start, end = ways(self.side, self.obstacle.motion)
+        return self.obstacle.passed(self, start, end, ~closed)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a plane is, in UFL.
+
+    Attributes:
+        normal: Unit normal.
+        point: A point of the plane (m).
+        distance: Distance (m) of the unmoved plane from nodes at rest.
+    """
+
+    normal: fem.Constant
+    point: fem.Constant
+    distance: fem.Function
 
 
 @dataclass(frozen=True)
@@ -106,12 +173,12 @@ class RigidPlane(RigidObstacle):
     Attributes:
         point: Any point of the plane (m).
         normal: Normal of any length, pointing out of the obstacle, towards the body.
-        start: Distance (m) of the unmoved plane from nodes at rest; found by the contact.
+        place: Normal, point and distances in UFL; found by the pairing.
     """
 
     point: Sequence[float]
     normal: Sequence[float]
-    start: fem.Function | None = field(default=None, repr=False, compare=False)
+    place: _Place | None = field(default=None, repr=False, compare=False)
 
     def __init_subclass__(cls) -> None:
         """Refuse subclasses: a shape of their own would not be asked for."""
@@ -128,17 +195,22 @@ class RigidPlane(RigidObstacle):
 
     def shape(self, X: Expr) -> Expr:
         """Return the distance from the plane."""
-        check_dimension(X, self.normal, "A plane with normal")
+        check_dimension(len(self.normal), len(X), f"A plane with normal {self.normal}")
         normal = unit(self.normal, "The plane's normal")
         return ufl.dot(ufl.as_vector(normal), X - ufl.as_vector([*map(float, self.point)]))
 
-    def near(self, contact: Side) -> RigidObstacle:
-        """Return the same plane, with the distances of a contact's nodes as numbers."""
-        S, normal = contact.surface.S, unit(self.normal, "The plane's normal")
+    def near(self, side: Side) -> RigidObstacle:
+        """Return the same plane, with the distances of a side's nodes as numbers."""
+        S, normal = side.surface.S, unit(self.normal, "The plane's normal")
+        check_dimension(len(normal), side.d, f"A plane with normal {self.normal}")
         distance = fem.Function(S, name="distance_at_start")
-        X = S.tabulate_dof_coordinates()[:, : len(normal)]
+        X = S.tabulate_dof_coordinates()[:, : side.d]
         distance.x.array[:] = (X - np.asarray(self.point)) @ normal
-        return replace(self, start=distance)
+        msh = side.surface.mesh
+        place = _Place(
+            fem.Constant(msh, normal), fem.Constant(msh, [*map(float, self.point)]), distance
+        )
+        return replace(self, place=place)
 
     def gap_and_normal(self, X: Expr, u: Expr) -> tuple[Expr, Expr]:
         """Add displacements to the distance at the start: the coordinates round nothing.
@@ -146,10 +218,9 @@ class RigidPlane(RigidObstacle):
         A plane through ``p`` whose normal has turned from ``n`` to ``n'`` is at
         ``n . (X - p) + (n' - n) . (X - p) + n' . (u - displacement of p)``.
         """
-        check_dimension(X, self.normal, "A plane with normal")
-        normal = ufl.as_vector(unit(self.normal, "The plane's normal"))
-        point = ufl.as_vector([*map(float, self.point)])
-        start = ufl.dot(normal, X - point) if self.start is None else self.start
+        if self.place is None:
+            return super().gap_and_normal(X, u)
+        normal, point, start = self.place.normal, self.place.point, self.place.distance
         if self.motion is None:
             return start + ufl.dot(normal, u), normal
         turned = self.motion.turned(normal)
@@ -157,11 +228,11 @@ class RigidPlane(RigidObstacle):
         gap = start + ufl.dot(turned, X - point) + ufl.dot(normal + turned, away)
         return gap, normal + turned
 
-    def rounding(self, contact: Side) -> Array:
-        """Return what the plane has carried."""
-        return self._carried(contact.nodal_position())
+    def rounding(self, pairing: Pairing) -> Array:
+        """Return nothing: coordinates enter only where the plane is carried."""
+        return np.zeros(pairing.side.surface.num_owned)
 
-    def passed(self, contact: Side, u: fem.Function, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which nodes pass through: none, there is no far side."""
         return np.zeros_like(open_)
 
@@ -194,25 +265,11 @@ class ImplicitObstacle(RigidObstacle):
         return call(self.distance, "The obstacle's distance(X)", X)
 
 
-def kinematics(obstacle: RigidObstacle, X: Expr, u: Expr, u_old: Expr, hint: Expr) -> Kinematics:
-    """Derive the kinematics of the current point ``X + u`` against ``obstacle``.
-
-    Args:
-        obstacle: The rigid obstacle.
-        X: Reference position (m).
-        u: Displacement (m).
-        u_old: Displacement at the last accepted step (m).
-        hint: Vector whose projection on the tangent plane is the first tangent (3D only).
-    """
-    gap, normal = obstacle.gap_and_normal(X, u)
-    return Kinematics.of(gap, obstacle.way(X, u, u_old), normal, first_tangent(normal, hint))
-
-
-def middle(contact: Side) -> Array:
-    """Return the mean of the contact's nodes (m), on all ranks; collective."""
-    x, comm = contact.surface.x, contact.surface.mesh.comm
+def middle(side: Side) -> Array:
+    """Return the mean of a side's nodes (m), on all ranks; collective."""
+    x, comm = side.surface.x, side.surface.mesh.comm
     total = comm.allreduce(np.append(x.sum(axis=0), len(x)))
-    return np.asarray(total[: contact.surface.mesh.geometry.dim] / total[-1])
+    return np.asarray(total[: side.d] / total[-1])
 
 
 def unit(direction: Sequence[float], what: str, dimension: int | None = None) -> list[float]:
@@ -224,9 +281,7 @@ def unit(direction: Sequence[float], what: str, dimension: int | None = None) ->
     return list((components / length).tolist())
 
 
-def check_dimension(X: Expr, vector: Sequence[float], what: str) -> None:
-    """Raise unless the obstacle lives in the space of ``X``."""
-    if len(vector) != X.ufl_shape[0]:
-        raise ContactInputError(
-            f"{what} {vector} cannot be met by points of {X.ufl_shape[0]} components."
-        )
+def check_dimension(found: int, dimension: int, what: str) -> None:
+    """Raise unless the obstacle lives in the space of the body."""
+    if found != dimension:
+        raise ContactInputError(f"{what} cannot be met by points of {dimension} components.")

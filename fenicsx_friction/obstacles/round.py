@@ -9,11 +9,13 @@ from fractions import Fraction
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from ..base.validators import flag, number, vector
-from .passage import Array, Mask, through_ball
+from .kinematics import Array
+from .obstacle import Mask, Pairing
+from .passage import through_ball
 from .rigid import RigidObstacle, check_dimension, middle, unit
 from .side import Side
 
@@ -26,13 +28,13 @@ class RigidSphere(RigidObstacle):
         center: Center (m).
         radius: Radius (m), ``> 0``.
         inside: The body is inside, as in a socket.
-        pole: Unit vector from the center to where the body is; found by the contact.
+        pole: A point of the surface near the body, in UFL; found by the pairing.
     """
 
     center: Sequence[float]
     radius: float
     inside: bool = False
-    pole: Sequence[float] | None = field(default=None, repr=False, compare=False)
+    pole: _Pole | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check center and radius."""
@@ -42,18 +44,21 @@ class RigidSphere(RigidObstacle):
 
     def shape(self, X: Expr) -> Expr:
         """Return the distance from the sphere."""
-        check_dimension(X, self.center, "A sphere with center")
+        check_dimension(len(self.center), len(X), f"A sphere with center {self.center}")
         return _distance(X, self.center, self.radius, self.pole, self.inside)
 
-    def near(self, contact: Side) -> RigidObstacle:
-        """Return the same sphere, its gap measured from a pole near a contact."""
-        return replace(self, pole=_direction(middle(contact) - np.asarray(self.center)))
+    def near(self, side: Side) -> RigidObstacle:
+        """Return the same sphere, its gap measured from a pole near a side."""
+        check_dimension(len(self.center), side.d, f"A sphere with center {self.center}")
+        direction = _direction(middle(side) - np.asarray(self.center))
+        pole = _Pole.at(side.surface.mesh, self.center, self.radius, direction, direction)
+        return replace(self, pole=pole)
 
-    def passed(self, contact: Side, u: fem.Function, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which open nodes pass through the sphere; no straight way does leave a socket."""
         if self.inside:
             return np.zeros_like(open_)
-        first, last = self._undone(start[: len(open_)]), self._undone(end[: len(open_)])
+        first, last = self.undone(start[: len(open_)]), self.undone(end[: len(open_)])
         return open_ & through_ball(first - self.center, last - self.center, self.radius)
 
 
@@ -66,14 +71,14 @@ class RigidCylinder(RigidObstacle):
         axis: Direction of the axis, of any length.
         radius: Radius (m), ``> 0``.
         inside: The body is inside, as in a bearing.
-        pole: Unit vector from the axis to where the body is; found by the contact.
+        pole: A point of the surface near the body, in UFL; found by the pairing.
     """
 
     point: Sequence[float]
     axis: Sequence[float]
     radius: float
     inside: bool = False
-    pole: Sequence[float] | None = field(default=None, repr=False, compare=False)
+    pole: _Pole | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check axis and radius."""
@@ -84,32 +89,77 @@ class RigidCylinder(RigidObstacle):
 
     def shape(self, X: Expr) -> Expr:
         """Return the distance from the cylinder."""
-        check_dimension(X, self.point, "A cylinder with point")
-        axis = ufl.as_vector(unit(self.axis, "The cylinder's axis"))
-        across = X - ufl.dot(X - ufl.as_vector([*map(float, self.point)]), axis) * axis
+        check_dimension(len(self.point), len(X), f"A cylinder with point {self.point}")
+        if self.pole is None:
+            axis = ufl.as_vector(unit(self.axis, "The cylinder's axis"))
+            point = ufl.as_vector([*map(float, self.point)])
+        else:
+            axis, point = self.pole.axis, self.pole.center
+        across = X - ufl.dot(X - point, axis) * axis
         return _distance(across, self.point, self.radius, self.pole, self.inside)
 
-    def near(self, contact: Side) -> RigidObstacle:
-        """Return the same cylinder, its gap measured from a line near a contact."""
+    def near(self, side: Side) -> RigidObstacle:
+        """Return the same cylinder, its gap measured from a line near a side."""
+        check_dimension(len(self.point), side.d, f"A cylinder with point {self.point}")
         axis = np.array(unit(self.axis, "The cylinder's axis"))
-        away = middle(contact) - np.asarray(self.point)
-        pole = np.array(_direction(away - (away @ axis) * axis))
-        pole -= (pole @ axis) * axis
-        return replace(self, pole=tuple((pole / np.linalg.norm(pole)).tolist()))
+        away = middle(side) - np.asarray(self.point)
+        direction = np.array(_direction(away - (away @ axis) * axis))
+        direction -= (direction @ axis) * axis
+        direction /= np.linalg.norm(direction)
+        pole = _Pole.at(side.surface.mesh, self.point, self.radius, direction.tolist(), axis)
+        return replace(self, pole=pole)
 
-    def passed(self, contact: Side, u: fem.Function, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which open nodes pass through the cylinder; no straight way does leave a bearing."""
         if self.inside:
             return np.zeros_like(open_)
         axis = np.array(unit(self.axis, "The cylinder's axis"))
         across = np.eye(3) - np.outer(axis, axis)
-        first, last = self._undone(start[: len(open_)]), self._undone(end[: len(open_)])
+        first, last = self.undone(start[: len(open_)]), self.undone(end[: len(open_)])
         start, end = ((x - self.point) @ across for x in (first, last))
         return open_ & through_ball(start, end, self.radius)
 
 
+@dataclass(frozen=True)
+class _Pole:
+    """A point of a round surface to measure from, in UFL.
+
+    Attributes:
+        center: The center (m).
+        radius: The radius (m).
+        axis: The axis of a cylinder.
+        point: The pole (m).
+        offset: The pole as seen from the center (m).
+        excess: ``|offset|^2 - radius^2``, without rounding.
+    """
+
+    center: fem.Constant
+    radius: fem.Constant
+    axis: fem.Constant
+    point: fem.Constant
+    offset: fem.Constant
+    excess: fem.Constant
+
+    @classmethod
+    def at(
+        cls,
+        msh: mesh.Mesh,
+        center: Sequence[float],
+        radius: float,
+        direction: Sequence[float],
+        axis: Sequence[float] | Array,
+    ) -> _Pole:
+        """Return the pole in a direction from the center."""
+        c = [*map(float, center)]
+        p = [x + radius * e for x, e in zip(c, direction, strict=True)]
+        q = [Fraction(a) - Fraction(b) for a, b in zip(p, c, strict=True)]
+        excess = float(sum(a * a for a in q) - Fraction(radius) ** 2)
+        values = (c, radius, axis, p, [*map(float, q)], excess)
+        return cls(*(fem.Constant(msh, np.asarray(value, dtype=float)) for value in values))
+
+
 def _distance(
-    X: Expr, center: Sequence[float], radius: float, pole: Sequence[float] | None, inside: bool
+    X: Expr, center: Sequence[float], radius: float, pole: _Pole | None, inside: bool
 ) -> Expr:
     """Return the distance from a ball.
 
@@ -117,17 +167,14 @@ def _distance(
     body, ``q = p - c`` and ``y = X - p`` it is ``(|y|^2 + 2 q . y + |q|^2 - R^2) / (|y + q| + R)``,
     where nothing large is subtracted, if ``|q|^2 - R^2`` is taken from exact fractions.
     """
-    center = [*map(float, center)]
     if pole is None:
-        d = X - ufl.as_vector(center)
+        d = X - ufl.as_vector([*map(float, center)])
         distance = ufl.sqrt(ufl.dot(d, d)) - radius
     else:
-        p = [c + radius * e for c, e in zip(center, pole, strict=True)]
-        q = [Fraction(a) - Fraction(c) for a, c in zip(p, center, strict=True)]
-        offset = float(sum(a * a for a in q) - Fraction(radius) ** 2)
-        y, to_pole = X - ufl.as_vector(p), ufl.as_vector([*map(float, q)])
-        length = ufl.sqrt(ufl.dot(y + to_pole, y + to_pole))
-        distance = (ufl.dot(y, y) + 2.0 * ufl.dot(to_pole, y) + offset) / (length + radius)
+        y = X - pole.point
+        length = ufl.sqrt(ufl.dot(y + pole.offset, y + pole.offset))
+        above = ufl.dot(y, y) + 2 * ufl.dot(pole.offset, y) + pole.excess
+        distance = above / (length + pole.radius)
     return -distance if inside else distance
 
 

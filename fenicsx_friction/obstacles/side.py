@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The side of a contact that meets an obstacle, as the obstacle sees it."""
+"""The secondary side of a contact, as the obstacle sees it."""
 
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -12,26 +12,44 @@ from ..surfaces.surface import ContactSurface
 Array = npt.NDArray[np.floating]
 
 
-class Side(Protocol):
-    """The secondary side of a contact; rows of arrays are the owned nodes of its surface.
+@dataclass(frozen=True)
+class Side:
+    """The secondary side of a contact.
 
     Attributes:
         surface: The contact surface.
+        u: Displacement.
+        u_old: Displacement of the last accepted step.
         c: Multipliers ``(c_n, c_1[, c_2])`` (Pa).
         hint: Direction whose tangential part is the first tangent.
         parent_dofs: The (blocked) dof of the displacement at each local node.
     """
 
     surface: ContactSurface
+    u: fem.Function
+    u_old: fem.Function
     c: fem.Function
     hint: fem.Function
     parent_dofs: npt.NDArray[np.int32]
 
-    def gap_and_friction(self) -> tuple[Array, Array]:
-        """Return gaps (m) and friction limits at unit pressure; collective."""
+    @property
+    def d(self) -> int:
+        """Dimension of space."""
+        return int(self.surface.mesh.geometry.dim)
 
-    def nodal_position(self) -> Array:
-        """Return the current positions (m); collective."""
+    def owned(self, values: npt.NDArray) -> npt.NDArray:
+        """Return what a local array over the displacement's dofs holds at the owned nodes."""
+        return values.reshape(-1, self.d)[self.parent_dofs[: self.surface.num_owned]]
 
-    def nodal_normal(self) -> Array:
-        """Return the unit normals towards the body; collective."""
+    def nodal(self, f: fem.Function) -> Array:
+        """Return the values of a vector of the multipliers' space at the owned nodes."""
+        return self.nodal_entries(f.x.array)
+
+    def nodal_entries(self, values: npt.NDArray) -> npt.NDArray:
+        """Return the entries of an array over that space at the owned nodes."""
+        return values.reshape(-1, self.d)[: self.surface.num_owned]
+
+    def facet_size(self) -> Array:
+        """Return the size of the facets round each owned node (m)."""
+        n = self.surface.num_owned
+        return np.asarray(self.surface.area.x.array[:n] ** (1.0 / (self.d - 1)))

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
 
+from ..base.collective import gather_rows
 from ..base.errors import ContactInputError
 from .face_cells import FACE_CELLS, Array, normals
 from .surface import ContactSurface
@@ -35,6 +36,7 @@ class FaceSet:
         self._dofs = surface.parent_dofs(u.function_space)[: surface.num_owned]
         self.cell = FACE_CELLS[surface.submesh.basix_cell().name]
         d = surface.mesh.geometry.dim
+        self._counts = np.array(surface.mesh.comm.allgather(surface.num_owned))
         self.X = self.gather(surface.x[:, :d])
         parts = surface.mesh.comm.allgather(_oriented_faces(surface))
         self.faces = np.concatenate(parts)
@@ -51,7 +53,7 @@ class FaceSet:
 
     def gather(self, rows: npt.NDArray) -> npt.NDArray:
         """Return the rows of the owned nodes of all ranks; collective."""
-        return np.concatenate(self._surface.mesh.comm.allgather(np.ascontiguousarray(rows)))
+        return gather_rows(self._surface.mesh.comm, rows, self._counts)
 
     def gather_dofs(self, values: npt.NDArray) -> npt.NDArray:
         """Return what a local array over the displacement's dofs holds at all nodes; collective."""

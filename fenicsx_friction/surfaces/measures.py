@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""One subdomain_data for the user's boundary terms and for contact.
+"""One subdomain_data for the user's boundary terms.
 
-A DOLFINx form accepts a single ``subdomain_data`` object per integral type, and FFCx cannot
-compile a vertex-rule facet integral beside another rule on the same subdomain id. Contact
-therefore gets ids of its own, in a list of integration entities that it shares with the loads.
+A DOLFINx form accepts a single ``subdomain_data`` object per integral type, and drops what is over
+ids that it does not know. All boundary terms therefore share a list of integration entities.
 """
 
 import numbers
@@ -17,31 +16,24 @@ from dolfinx import mesh
 
 from ..base.compat import exterior_facet_entities, same_topology
 from ..base.errors import ContactInputError
-from .surface import ContactSurface
 
 Array = npt.NDArray[np.int32]
 Entities = list[tuple[int, Array]]
 
 
-def share_facet_data(
-    forms: Sequence[ufl.Form], surfaces: Sequence[ContactSurface]
-) -> tuple[list[ufl.Form], list[ufl.Measure]]:
-    """Give the forms and the contact surfaces a common list of boundary entities.
+def share_facet_data(forms: Sequence[ufl.Form]) -> list[ufl.Form]:
+    """Return the forms with their exterior-facet integrals on a common list of entities.
 
     Args:
         forms: The bulk residuals, with any ``ds`` measures of their own.
-        surfaces: The contact surfaces.
 
-    Returns:
-        The forms with their exterior-facet integrals on the common list, and one collocation
-        measure per surface, which may be added to them.
+    Raises:
+        ContactInputError: If a term would lose its load, or get that of another.
     """
-    entities = _user_entities(forms, surfaces[0].mesh)
-    first = max(entities, default=0) + 1
-    ids = list(range(first, first + len(surfaces)))
-    entities.update((tag, surface.entities) for tag, surface in zip(ids, surfaces, strict=True))
+    msh = forms[0].arguments()[0].ufl_function_space().mesh
+    entities = _user_entities(forms, msh)
     data: Entities = sorted(entities.items(), key=lambda item: item[0])
-    shared = [
+    return [
         ufl.Form(
             [
                 integral.reconstruct(subdomain_data=data) if _on_boundary(integral) else integral
@@ -50,8 +42,6 @@ def share_facet_data(
         )
         for form in forms
     ]
-    measures = [s.measure(data, tag) for s, tag in zip(surfaces, ids, strict=True)]
-    return shared, measures
 
 
 def _on_boundary(integral: ufl.classes.Integral) -> bool:

@@ -61,6 +61,7 @@ class ContactSurface:
         self.Q = fem.functionspace(
             self.submesh, basix.ufl.blocked_element(scalar, shape=(msh.geometry.dim,))
         )
+        self._parent_dofs: list[tuple[fem.FunctionSpace, npt.NDArray[np.int32]]] = []
         self.area = fem.Function(self.S, name="area")
         self.area.x.array[:] = self._assemble(
             ufl.TestFunction(self.S) * self.measure(), self.S
@@ -103,22 +104,6 @@ class ContactSurface:
         """Return an object that evaluates a UFL expression at the contact nodes."""
         return NodalExpression(self, expression)
 
-    def sources(self, bad: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-        """Tell which owned nodes are bad by themselves, if values are not finite; collective.
-
-        The evaluator sums over facets, so that the neighbours of such a node get ``nan``, too. But
-        they have other facets that are not bad as a whole.
-        """
-        flags = fem.Function(self.S)
-        flags.x.array[: self.num_owned] = bad
-        flags.x.scatter_forward()
-        facets = self.S.dofmap.list
-        sound = np.zeros(len(flags.x.array), dtype=bool)
-        sound[facets[np.min(flags.x.array[facets], axis=1) < 0.5]] = True
-        found = bad & ~sound[: self.num_owned]
-        anywhere = self.mesh.comm.allreduce(bool(np.any(found)), MPI.LOR)
-        return np.asarray(found if anywhere else bad)
-
     def _assemble(self, form: ufl.Form, space: fem.FunctionSpace) -> npt.NDArray[np.floating]:
         """Assemble a linear form on the submesh; return owned and ghost values."""
         compiled_form = compiled(fem.form, self.mesh.comm)(form, entity_maps=[self.entity_map])
@@ -131,30 +116,38 @@ class ContactSurface:
         Raises:
             ContactInputError: If ``V`` is not a Lagrange space with a dof at every vertex.
         """
-        msh, tdim = self.mesh, self.mesh.topology.dim
-        msh.topology.create_connectivity(0, tdim)
-        vertex_cells = msh.topology.connectivity(0, tdim)
-        cell_vertices = msh.topology.connectivity(tdim, 0)
-        layout = V.dofmap.dof_layout
-        dofs = np.full(self.S.dofmap.index_map.size_local + self.S.dofmap.index_map.num_ghosts, -1)
-        sub_vertices = self.submesh.topology.connectivity(tdim - 1, 0)
+        for space, dofs in self._parent_dofs:
+            if space is V:
+                return dofs
+        if not has_vertex_dofs(V):
+            raise ContactInputError(
+                f"Contact surface '{self.name}': the displacement space needs exactly one "
+                f"(blocked) dof at each vertex, its element {V.ufl_element()} has "
+                f"{len(V.dofmap.dof_layout.entity_dofs(0, 0))}. Use a continuous Lagrange space of "
+                "vectors."
+            )
+        dofs = self._find_parent_dofs(V)
+        self._parent_dofs.append((V, dofs))
+        return dofs
+
+    def _find_parent_dofs(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+        """Find the dofs at the vertices, by any cell that has the vertex."""
+        topology, tdim = self.mesh.topology, self.mesh.topology.dim
+        topology.create_connectivity(0, tdim)
+        vertex_cells, cells = topology.connectivity(0, tdim), topology.connectivity(tdim, 0)
+        corners = cells.array.reshape(cells.num_nodes, -1)
+        facets = self.submesh.topology.connectivity(tdim - 1, 0)
+        shape = self.S.dofmap.list.shape
+        number = int(facets.array.max(initial=-1)) + 1
         parent = self._vertex_map.sub_topology_to_topology(
-            np.arange(sub_vertices.array.max(initial=-1) + 1, dtype=np.int32), inverse=False
+            np.arange(number, dtype=np.int32), inverse=False
         )
-        for facet in range(sub_vertices.num_nodes):
-            for node, vertex in zip(
-                self.S.dofmap.cell_dofs(facet), parent[sub_vertices.links(facet)], strict=True
-            ):
-                cell = vertex_cells.links(vertex)[0]
-                local = int(np.flatnonzero(cell_vertices.links(cell) == vertex)[0])
-                at_vertex = layout.entity_dofs(0, local)
-                if len(at_vertex) != 1:
-                    raise ContactInputError(
-                        f"Contact surface '{self.name}': the displacement space needs exactly one "
-                        f"(blocked) dof at each vertex, its element {V.ufl_element()} has "
-                        f"{len(at_vertex)}. Use a continuous Lagrange space of vectors."
-                    )
-                dofs[node] = V.dofmap.cell_dofs(cell)[at_vertex[0]]
+        vertices = parent[facets.array[: np.prod(shape)].reshape(shape)]
+        cell = vertex_cells.array[vertex_cells.offsets[vertices]]
+        local = np.argmax(corners[cell] == vertices[..., None], axis=-1)
+        layout = [V.dofmap.dof_layout.entity_dofs(0, i)[0] for i in range(corners.shape[1])]
+        dofs = np.full(self.S.dofmap.index_map.size_local + self.S.dofmap.index_map.num_ghosts, -1)
+        dofs[self.S.dofmap.list] = V.dofmap.list[cell, np.array(layout)[local]]
         return dofs.astype(np.int32)
 
 
@@ -184,6 +177,11 @@ class NodalExpression:
         n = self._surface.num_owned
         values = _accumulate(fem.assemble_vector(self._form), self._space.dofmap.index_map_bs)
         return values[:n] / self._surface.area.x.array[:n, None]
+
+
+def has_vertex_dofs(V: fem.FunctionSpace) -> bool:
+    """Tell whether a space has exactly one (blocked) dof at each vertex."""
+    return len(V.dofmap.dof_layout.entity_dofs(0, 0)) == 1
 
 
 def _accumulate(vector: la.Vector, bs: int) -> npt.NDArray[np.floating]:

@@ -16,9 +16,8 @@ from dolfinx import fem
 from ..certificate.groups import Array, Groups, Labels, connected, number_bodies
 from ..certificate.scales import DIGITS, FAINT, Scales
 from ..contact.contact import Contact
-from ..obstacles.deformable import DeformableObstacle
 from .conditions import constrained_dofs, with_conditions
-from .coupling import Coupling
+from .contact_terms import ContactTerms
 from .equations import FurtherEquation
 from .noise import rounding_errors
 
@@ -42,7 +41,7 @@ class ForceScales:
         bcs: Dirichlet conditions.
         stiffness: Diagonal of the bulk stiffness (N/m) at the owned dofs of the displacement.
         equations: The equations beside the momentum balance.
-        coupling: The pairs of contacts with deformable obstacles, or ``None``.
+        terms: How contact enters the equations.
         momentum: Returns the unbalanced nodal forces (N) of the owned dofs, reactions included.
 
     Attributes:
@@ -64,11 +63,11 @@ class ForceScales:
         bcs: Sequence[fem.DirichletBC],
         stiffness: Array,
         equations: Sequence[FurtherEquation],
-        coupling: Coupling | None,
+        terms: ContactTerms,
         momentum: Callable[[], Array],
     ) -> None:
         self._unknowns, self._contacts, self._bcs = list(unknowns), contacts, bcs
-        self._u, self._coupling, self._momentum = unknowns[0], coupling, momentum
+        self._u, self._terms, self._momentum = unknowns[0], terms, momentum
         self._comm, self._equations = self._u.function_space.mesh.comm, equations
         self._measured: list[ForceScales | FurtherEquation] = [self, *equations]
         self.number, body = number_bodies(self._u.function_space)
@@ -89,7 +88,7 @@ class ForceScales:
         self._forces = self._over_ranks(forces)
         self._noise = np.zeros(self.number)
         self._tractions = self._by_contact(self._traction_lengths())
-        self._coordinates = [k.obstacle.rounding(k) for k in self._contacts]
+        self._coordinates = [k.pairing.rounding() for k in self._contacts]
         there = [
             np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs))) for f in self._unknowns
         ]
@@ -217,9 +216,8 @@ class ForceScales:
         """Number the groups of bodies that may meet each other; the group of each body."""
         links = [np.column_stack([np.arange(self.number)] * 2)]
         for k, secondary in zip(self._contacts, self._bodies, strict=True):
-            if isinstance(k.obstacle, DeformableObstacle):
-                primary = k.obstacle.primary
-                dofs = primary.parent_dofs(self._u.function_space)[: primary.num_owned]
+            if k.pairing.deformable:
+                dofs = k.pairing.partners(self._u.function_space)
                 meets = np.unique(np.concatenate([secondary, body[dofs]]))
                 found = np.concatenate(self._comm.allgather(meets))
                 links.append(np.column_stack([np.full_like(found, found[0]), found]))
@@ -233,8 +231,7 @@ class ForceScales:
             self._contacts, self.surfaces, self._traction_lengths(), strict=True
         ):
             largest = np.maximum(largest, group.largest(k.nodal_area() * lengths))
-        if self._coupling is not None:
-            largest = np.maximum(largest, self._all.largest(abs(self._coupling.momentum())))
+        largest = np.maximum(largest, self._all.largest(abs(self._terms.momentum())))
         return largest
 
     def _traction_lengths(self) -> list[Array]:

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""Residual and Jacobian of a ``NonlinearProblem`` as the SNES of a substep calls them."""
+"""Residual and Jacobian as the SNES calls them: what the forms give, and contact."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
+from dolfinx import fem
+from dolfinx.fem.petsc import assign
+
+from ..obstacles.kinematics import Array
+from .contact_terms import ContactTerms, Law
 
 
 class Callbacks:
@@ -16,37 +20,81 @@ class Callbacks:
     Rows of prescribed dofs hold a displacement (m) among forces. They are multiplied by a
     stiffness, so that line searches and norms do not depend on units; Newton's steps do not change.
 
+    The matrix of the forms keeps its own sparsity. The SNES solves with the sum of it and the
+    elements of contact, whose sparsity is made anew when stencils change.
+
     It must not hold the SNES: in a cycle through PETSc, each rank's garbage collector would choose
     when to destroy collective objects.
 
     Args:
         snes: The solver of a ``NonlinearProblem``.
         row_scale: Factor of each owned row.
+        unknowns: Its unknowns.
+        terms: The terms of contact.
 
     Attributes:
         error: What a callback raised, as PETSc hands on no more than a number.
+        law: The rows of the substep that is solved.
     """
 
-    def __init__(self, snes: PETSc.SNES, row_scale: npt.NDArray[np.floating]) -> None:
-        b, (residual, _, residual_data) = snes.getFunction()
+    def __init__(
+        self,
+        snes: PETSc.SNES,
+        row_scale: Array,
+        unknowns: Sequence[fem.Function],
+        terms: ContactTerms,
+    ) -> None:
+        self._b, (residual, _, residual_data) = snes.getFunction()
         self._forms, _, (jacobian, _, jacobian_data) = snes.getJacobian()
-        self._form_residual = lambda s, x, b: residual(s, x, b, **residual_data)
-        self._form_jacobian = lambda s, x, A: jacobian(s, x, A, A, **jacobian_data)
-        self._row_scale = row_scale
+        self._form_residual = lambda x, b: residual(None, x, b, **residual_data)
+        self._form_jacobian = lambda x, A: jacobian(None, x, A, A, **jacobian_data)
+        self._row_scale, self._unknowns, self._terms = row_scale, list(unknowns), terms
         self.error: BaseException | None = None
-        snes.setFunction(self._call_residual, b)
-        snes.setJacobian(self._call_jacobian, self._forms, self._forms)
+        self.law: Law | None = None
+        self._total: PETSc.Mat | None = None
+        self._elements: PETSc.Mat | None = None
+        self._pattern: tuple[object, ...] = ()
 
-    def prepare(self, snes: PETSc.SNES, x: PETSc.Vec) -> None:
-        """Make ready for a solve; collective."""
+    def attach(self, snes: PETSc.SNES) -> None:
+        """Let a solver find its residual here."""
+        snes.setFunction(self._call_residual, self._b)
 
-    def assemble_residual(self, snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
-        """Assemble the residual."""
-        self._form_residual(snes, x, b)
+    def use(self, snes: PETSc.SNES) -> None:
+        """Let a solver find its matrix here."""
+        snes.setJacobian(self._call_jacobian, self._total, self._total)
 
-    def assemble_jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat) -> None:
-        """Assemble the Jacobian."""
-        self._form_jacobian(snes, x, J)
+    def prepare(self, x: PETSc.Vec, law: Law) -> bool:
+        """Make a matrix that fits to the stencils; collective.
+
+        Args:
+            x: The iterate.
+            law: The rows of the substep.
+
+        Returns:
+            Whether it is another matrix than before.
+        """
+        self.law = law
+        pattern = (self._terms.versions, law.others)
+        if self._pattern == pattern:
+            return False
+        self._destroy()
+        if not self._forms.isAssembled():
+            self._form_jacobian(x, self._forms)  # only then it has its sparsity
+        size = self._forms.getLocalSize()
+        self._elements = PETSc.Mat().create(self._forms.comm)
+        self._elements.setSizes(((size[0], None), (size[1], None)))
+        self._elements.setType(PETSc.Mat.Type.AIJ)
+        columns = self._terms.columns(law)
+        rows = np.concatenate([np.repeat(c, c.shape[1], axis=1).ravel() for c in columns])
+        cols = np.concatenate([np.tile(c, (1, c.shape[1])).ravel() for c in columns])
+        left_out = (rows < 0) | (cols < 0)
+        rows, cols = (np.where(left_out, -1, i).astype(PETSc.IntType) for i in (rows, cols))
+        self._elements.setPreallocationCOO(rows, cols)
+        self._elements.setValuesCOO(np.zeros(len(rows)), addv=PETSc.InsertMode.INSERT_VALUES)
+        self._total = self._forms.duplicate(copy=False)
+        self._total.axpy(1.0, self._elements, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self._pattern = pattern
+        return True
 
     @contextmanager
     def keeping_errors(self) -> Iterator[None]:
@@ -60,14 +108,36 @@ class Callbacks:
     def _call_residual(self, snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         """Assemble the residual with scaled rows."""
         with self.keeping_errors():
-            self.assemble_residual(snes, x, b)
+            self._follow(x)
+            self._form_residual(x, b)
+            assert self.law is not None
+            self._terms.add_residual(b, self.law)
             b.array[:] *= self._row_scale
 
     def _call_jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """Assemble the Jacobian with scaled rows."""
         with self.keeping_errors():
-            self.assemble_jacobian(snes, x, J)
+            self._follow(x)
+            self._form_jacobian(x, self._forms)
+            assert self.law is not None and self._elements is not None
+            values = np.concatenate([m.ravel() for m in self._terms.matrices(self.law)])
+            self._elements.setValuesCOO(values, addv=PETSc.InsertMode.INSERT_VALUES)
+            J.zeroEntries()
+            for part in (self._forms, self._elements):
+                J.axpy(1.0, part, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             scale = J.createVecLeft()
             scale.array[:] = self._row_scale
             J.diagonalScale(scale)
             scale.destroy()
+
+    def _follow(self, x: PETSc.Vec) -> None:
+        """Put the iterate into the unknowns and the kinematics."""
+        x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+        assign(x, self._unknowns)
+        self._terms.update()
+
+    def _destroy(self) -> None:
+        """Destroy the matrices; collective."""
+        for matrix in (self._total, self._elements):
+            if matrix is not None:
+                matrix.destroy()

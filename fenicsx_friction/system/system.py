@@ -14,11 +14,11 @@ import ufl
 from dolfinx import default_scalar_type, fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
 from dolfinx.la import InsertMode
-from ufl.core.expr import Expr
 
 from ..base.collective import on_all_ranks
 from ..base.compilation import compiled
 from ..base.errors import ContactInputError
+from ..base.literals import lifted
 from ..certificate.certificate import Certificate, certify
 from ..certificate.nodal_state import OPEN, SLIP, STICK, NodalState
 from ..contact.checks import check_normals
@@ -26,9 +26,10 @@ from ..contact.contact import Contact
 from ..contact.sides import check_sides
 from ..surfaces.measures import share_facet_data
 from .conditions import constrained, constrained_dofs, with_conditions
-from .coupling import Coupling
+from .contact_terms import ContactTerms
 from .equations import FurtherEquation
 from .forces import ForceScales
+from .newton import Newton
 from .report import ContactReport, SubstepReport
 from .settings import StepSettings, settings_of
 from .substep import Substep
@@ -60,7 +61,7 @@ class ContactSystem:
         dt: Length of the step (s), ``fem.Constant``; only rate-dependent laws need it.
         num_steps: Number of accepted steps.
         monitor: Called with each :class:`~fenicsx_friction.SubstepReport`, or ``None``.
-        coupling: The pairs of contacts with deformable obstacles, or ``None`` without any.
+        terms: How contact enters the equations.
         constrained_dofs: Dofs of ``u`` under a boundary condition (local, unrolled).
         scales: Measures residuals by the forces of each body and contact.
         bulk: The momentum balance without contact, ready to be assembled.
@@ -93,7 +94,7 @@ class ContactSystem:
         self._eps = fem.Constant(V.mesh, default_scalar_type(0.0))
         self._ramp_sign = fem.Constant(V.mesh, default_scalar_type(self.settings.ramp_sign))
         self.dt = fem.Constant(V.mesh, default_scalar_type(1.0))
-        kept = [(part, dict(vars(part))) for k in self.contacts for part in (k, k.obstacle)]
+        kept = [(k, dict(vars(k))) for k in self.contacts]
         try:
             self._set_up(blocks, prefix, options, entity_maps)
         except BaseException:
@@ -110,59 +111,37 @@ class ContactSystem:
         entity_maps: Sequence[mesh.EntityMap] | None,
     ) -> None:
         """Bind the contacts and make forms, scales and substeps."""
-        V = self.u.function_space
-        self._entity_maps = [*(entity_maps or []), *(k.surface.entity_map for k in self.contacts)]
-        blocks, measures = share_facet_data(blocks, [k.surface for k in self.contacts])
-        stiffness = self._set_up_contacts(blocks[0])
+        surfaces = [k.surface for k in self.contacts]
+        self._entity_maps = [*(entity_maps or []), *(s.entity_map for s in surfaces)]
+        blocks = [lifted(f, self.u.function_space.mesh) for f in share_facet_data(blocks)]
         self.bulk = blocks[0]
-        self._momentum = self.bulk - sum(
-            ufl.inner(k.kinematics.traction(k.c), blocks[0].arguments()[0]) * ds
-            for k, ds in zip(self.contacts, measures, strict=True)
+        stiffness = self._set_up_contacts()
+        self._bulk_form, *self._other_forms = (
+            compiled(fem.form, self.comm)(f, entity_maps=self._entity_maps) for f in blocks
         )
-        form = compiled(fem.form, self.comm)
-        self._momentum_form, self._bulk_form, *self._other_forms = (
-            form(f, entity_maps=self._entity_maps) for f in (self._momentum, self.bulk, *blocks[1:])
-        )
-        self.constrained_dofs = constrained_dofs(V, self.bcs)
+        self.constrained_dofs = constrained_dofs(self.u.function_space, self.bcs)
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
-        deformable = [k.obstacle.deformable for k in self.contacts]
-        self.coupling = Coupling(self.contacts, self.state, self.bcs) if any(deformable) else None
+        self.terms = ContactTerms(self.contacts, self.state, self.bcs)
         self.scales = ForceScales(
             self.unknowns,
             self.contacts,
             self.bcs,
             stiffness,
             self._further_equations(blocks[1:], stiffness),
-            self.coupling,
+            self.terms,
             _weakly(self),
         )
-
-        def substep(name: str, rows: Callable[[Contact], Expr]) -> Substep:
-            """Make the substep whose contact rows are ``rows(contact)``."""
-            tests = [ufl.TestFunction(k.surface.Q) for k in self.contacts]
-            equations = [
-                ufl.inner(rows(k), q) * ds
-                for k, q, ds in zip(self.contacts, tests, measures, strict=True)
-            ]
-            return Substep(
-                name,
-                [self._momentum, *blocks[1:], *equations],
-                self.state,
-                self.bcs,
-                prefix,
-                options,
-                self._entity_maps,
-                self.scales,
-                self.coupling,
-                rows,
-            )
-
         if _share_nodes(self.contacts, self.comm):
             options = {**REDUNDANT, **(options or {})}
+        forms = [*blocks, *(_place(k) for k in self.contacts)]
+        arguments = (prefix, options, self._entity_maps, self.scales, self.terms)
+        newton = Newton(forms, self.state, self.bcs, *arguments)
         eps, xi, sign = self._eps, self._xi, self._ramp_sign  # not self: no reference cycle
-        self.stick = substep("stick", lambda k: k.stick_rows(eps))
-        self.slip = substep("slip", lambda k: k.slip_rows(eps, xi, sign))
-        self.projection = substep("projection", lambda k: k.projection_rows(eps, xi))
+        self.stick = Substep("stick", prefix, newton, lambda k: k.rows.stick(eps))
+        self.slip = Substep("slip", prefix, newton, lambda k: k.rows.slip(eps, xi, sign))
+        self.projection = Substep(
+            "projection", prefix, newton, lambda k: k.rows.projection(eps, xi)
+        )
 
     @property
     def settings(self) -> StepSettings:
@@ -218,14 +197,15 @@ class ContactSystem:
 
     def assemble_momentum(self) -> np.ndarray:
         """Return the unbalanced nodal forces (N), reactions at prescribed dofs; owned dofs."""
-        if self.coupling is None:
-            return assemble_owned(self._momentum_form)
-        reaction = self.coupling.momentum()  # updates the kinematics in the form
-        return assemble_owned(self._momentum_form) + reaction
+        return assemble_owned(self._bulk_form) + self.terms.momentum()
 
     def assemble_bulk(self) -> np.ndarray:
         """Return the nodal forces (N) without those of contact; owned dofs."""
         return assemble_owned(self._bulk_form)
+
+    def assemble_others(self) -> list[np.ndarray]:
+        """Return the rows of the equations beside the momentum balance; owned dofs."""
+        return [assemble_owned(form) for form in self._other_forms]
 
     def nodal_states(self) -> list[NodalState]:
         """Return the nodal values of each contact on this rank."""
@@ -242,8 +222,7 @@ class ContactSystem:
     def _certify(self) -> Certificate:
         """Certify the current values by the rounding errors that are known."""
         states = self.nodal_states()
-        others = [assemble_owned(form) for form in self._other_forms]
-        found = self.scales.residuals(self.assemble_momentum(), *others)
+        found = self.scales.residuals(self.assemble_momentum(), *self.assemble_others())
         equations = self.scales.equilibrium
         pushed = max(k.pushed(s) for k, s in zip(self.contacts, states, strict=True))
         return certify(
@@ -275,7 +254,7 @@ class ContactSystem:
         for k, state in zip(self.contacts, self.nodal_states(), strict=True):
             counts = np.bincount(state.states()[state.takes_part], minlength=3)
             forces = state.area[:, None] * k.nodal_traction()
-            force, moment = forces.sum(axis=0), _moment(k.nodal_position(), forces)
+            force, moment = forces.sum(axis=0), _moment(k.pairing.positions(), forces)
             work = -np.einsum("i,ij,ij->", state.area, state.c[:, 1:], state.slip)
             total = self.comm.allreduce(np.array([*counts, *force, *moment, work]), MPI.SUM)
             reports.append(
@@ -313,7 +292,7 @@ class ContactSystem:
             for block, unknown in zip(blocks, self.unknowns[1:], strict=True)
         ]
 
-    def _set_up_contacts(self, bulk: ufl.Form) -> npt.NDArray[np.floating]:
+    def _set_up_contacts(self) -> npt.NDArray[np.floating]:
         """Derive kinematics, scales and prescribed directions of the contacts.
 
         Returns:
@@ -321,7 +300,7 @@ class ContactSystem:
         """
         V = self.u.function_space
         form = compiled(fem.form, self.comm)
-        tangent = form(ufl.derivative(bulk, self.u), entity_maps=self._entity_maps)
+        tangent = form(ufl.derivative(self.bulk, self.u), entity_maps=self._entity_maps)
         matrix = assemble_matrix(tangent)
         matrix.assemble()
         diagonal, owned = fem.Function(V), matrix.getLocalSize()[0]
@@ -332,7 +311,7 @@ class ContactSystem:
         for k in self.contacts:
             k.bind(self.u, self.u_old, self.dt, self.settings.normal)
             check_normals(k)
-            check_sides(k, self.u)
+            check_sides(k)
             k.set_scale(diagonal)
         lowest = min(np.min(k.scale.x.array, initial=np.inf) for k in self.contacts)
         if not self.comm.allreduce(lowest, MPI.MIN) > 0.0:
@@ -350,6 +329,13 @@ def _moment(x: np.ndarray, forces: np.ndarray) -> np.ndarray:
     if x.shape[1] == 2:
         return np.array([np.sum(x[:, 0] * forces[:, 1] - x[:, 1] * forces[:, 0])])
     return np.cross(x, forces).sum(axis=0)
+
+
+def _place(contact: Contact) -> ufl.Form:
+    """Return a form that holds the place of the rows of contact, which no form assembles."""
+    nothing = fem.Constant(contact.surface.submesh, default_scalar_type(0.0))
+    q = ufl.TestFunction(contact.surface.Q)
+    return nothing * ufl.inner(contact.c, q) * ufl.dx(contact.surface.submesh)
 
 
 def _share_nodes(contacts: Sequence[Contact], comm: MPI.Intracomm) -> bool:

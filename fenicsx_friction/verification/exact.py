@@ -88,10 +88,8 @@ class ExactReference:
         K_IC = self._K[self._I][:, self._C].toarray()
         self._S = self._K[self._C][:, self._C].toarray() - self._KCI @ self._lu.solve(K_IC)
         with self._displacement(np.zeros(self._K.shape[0])):
-            self._gap, _ = contact.gap_and_friction()
-            kin = contact.kinematics
-            rows = [contact.surface.evaluator(e)() for e in (kin.normal, *kin.tangents)]
-        self._frames = np.stack(rows, axis=1)
+            self._gap = contact.pairing.gaps().copy()
+            self._frames = contact.pairing.frames()
         self._held = self._held_directions()
         old = problem.u_old.x.array[self._C].reshape(-1, d)
         self._previous = np.einsum("nkj,nj->nk", self._frames, old)[:, 1:]
@@ -110,7 +108,7 @@ class ExactReference:
                 load=load,
                 gap=self._gap,
                 previous=self._previous,
-                mu=self._contact.gap_and_friction()[1],
+                mu=self._contact.friction_at_unit_pressure(),
                 free=free,
             )
         )

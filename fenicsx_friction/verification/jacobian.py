@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Compare the derived Jacobians with finite differences of the residuals."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,7 +15,6 @@ from ..contact.contact import Contact
 from ..increment import snapshot
 from ..problem import FrictionalContactProblem
 from ..system.substep import Substep
-from ..system.system import assemble_owned
 from . import random_state
 
 Array = npt.NDArray[np.floating]
@@ -191,14 +189,8 @@ def _compare(
     def residual(t: float) -> list[Array]:
         """Assemble the residual there, without boundary conditions."""
         move(t)
-        forms = substep.problem.F
-        assert isinstance(forms, Sequence)
-        if problem.coupling is not None:
-            problem.coupling.update()
-        rows = [assemble_owned(form) for form in forms]
-        if problem.coupling is not None:
-            rows[0] += problem.coupling.momentum()
-        return rows
+        contact = [values.ravel() for values in problem.terms.residuals(substep.law)]
+        return [problem.assemble_momentum(), *problem.assemble_others(), *contact]
 
     def derivative(t: float) -> list[Array]:
         """Return the Jacobian there times the direction."""

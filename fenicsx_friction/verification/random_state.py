@@ -51,7 +51,7 @@ def freeze(
     for k in problem.contacts:
         n = k.surface.num_owned
         k.c_stick.x.array[:] = traction * rng.normal(size=len(k.c_stick.x.array))
-        _, limit = k.gap_and_friction()
+        limit = k.friction_at_unit_pressure()
         k.slipping.x.array[:n] = rng.integers(0, 2, n) * (limit < UNLIMITED)
         k.slip_scale.x.array[:] = length
         for f in (k.c_stick, k.slipping):

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: MIT
+"""Numbers in UFL become Constants, so that other numbers need no other compiled form.
+
+A number that stands in an expression is part of the code that FFCx makes: another modulus or
+coefficient of friction would compile everything again. Exponents stay, because derivatives of
+powers depend on them.
+"""
+
+from functools import singledispatchmethod
+from typing import TypeVar
+
+import ufl
+from dolfinx import default_scalar_type, fem, mesh
+from ufl.algorithms.map_integrands import map_integrands
+from ufl.classes import Expr, FloatValue, Power
+from ufl.corealg.dag_traverser import DAGTraverser
+
+T = TypeVar("T", ufl.Form, Expr)
+
+
+class _Lifter(DAGTraverser):
+    """Puts a Constant in place of each number."""
+
+    def __init__(self, msh: mesh.Mesh) -> None:
+        super().__init__()
+        self._mesh = msh
+
+    @singledispatchmethod
+    def process(self, o: Expr) -> Expr:
+        """Keep what holds no numbers."""
+        return super().process(o)
+
+    @process.register(Expr)
+    def _(self, o: Expr) -> Expr:
+        return self.reuse_if_untouched(o)
+
+    @process.register(FloatValue)
+    def _(self, o: FloatValue) -> Expr:
+        return as_constant(float(o), self._mesh)
+
+    @process.register(Power)
+    def _(self, o: Power) -> Expr:
+        base, exponent = o.ufl_operands
+        return self(base) ** (exponent if isinstance(exponent, FloatValue) else self(exponent))
+
+
+def lifted(part: T, msh: mesh.Mesh) -> T:
+    """Return a form or expression with Constants in place of numbers.
+
+    Args:
+        part: The form or expression.
+        msh: The mesh that the Constants belong to.
+    """
+    lifter = _Lifter(msh)
+    return lifter(part) if isinstance(part, Expr) else map_integrands(lifter, part)
+
+
+def as_constant(value: float, msh: mesh.Mesh) -> fem.Constant:
+    """Return a number as a Constant of a mesh."""
+    return fem.Constant(msh, default_scalar_type(value))

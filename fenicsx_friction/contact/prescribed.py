@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: MIT
+"""The frame of each node under boundary conditions: what they prescribe, and what stays free."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..base.collective import any_rank
+from ..base.errors import ContactInputError
+from ..certificate.nodal_state import NodalState
+from ..obstacles.kinematics import Array
+from ..obstacles.obstacle import Pairing
+from . import frame
+
+#: A node touches at gaps below this fraction of its facets' size.
+TOUCH = 1e-8
+#: Sine of the angle between a held direction and the tangent plane that passes for rounding, and
+#: for the facets of a curved surface.
+OBLIQUE, OBLIQUE_FACES = 1e-6, 0.3
+
+
+class Prescribed:
+    """Knows the prescribed directions of a contact's nodes, and chooses their frames; collective.
+
+    Args:
+        pairing: What the nodes meet.
+        free: 1 for the free directions of the contact frame, 0 for the prescribed ones; is set.
+        held: 1 at the dofs of the displacement under a condition, else 0.
+    """
+
+    def __init__(self, pairing: Pairing, free: fem.Function, held: fem.Function) -> None:
+        self._pairing, self._free, self._held = pairing, free, held
+        self._side = side = pairing.side
+        fixed = self._fixed_components()
+        hints = side.hint.x.array.reshape(-1, side.d)
+        hints[: len(fixed)] = frame.choose_hints(pairing.normals(), fixed)
+        side.hint.x.scatter_forward()
+
+    def start(self) -> None:
+        """Remember how deep nodes are, once pairs and frames are chosen."""
+        self._overlap = np.maximum(-self._pairing.gaps(), 0.0) + touch(self._pairing)
+
+    def choose(self, rough: npt.NDArray[np.bool_]) -> None:
+        """Choose anew what is prescribed of each frame, and its first tangent.
+
+        Frames change where the normal has turned or other faces are met; the multipliers turn with
+        them.
+
+        Args:
+            rough: Owned nodes with friction.
+
+        Raises:
+            ContactInputError: If a node is held in a direction that is neither normal nor
+                tangential, so that its friction could not be told from the reaction.
+        """
+        side = self._side
+        fixed, normals = self._fixed_components(), self._pairing.normals().copy()
+        self._refuse_oblique(fixed, normals, rough)
+        free = np.where(frame.pinned_directions(normals, fixed), 0.0, 1.0)
+        hints, kept = side.nodal(side.hint), side.nodal(self._free)
+        changed = np.any(free != kept, axis=1)
+        changed |= frame.steep_hints(normals, hints) & (fixed.sum(axis=1) != 1)
+        if not any_rank(side.surface.mesh.comm, bool(np.any(changed))):
+            return
+        c = side.nodal(side.c)
+        traction = np.einsum("nk,nkd->nd", c, self._pairing.frames())
+        kept[:] = free
+        hints[changed] = frame.choose_hints(normals, fixed)[changed]
+        for f in (side.hint, self._free):
+            f.x.scatter_forward()
+        turned = np.einsum("nd,nkd->nk", traction, self._pairing.frames())
+        c[changed, 1:] = turned[changed, 1:]
+        c *= free
+        side.c.x.scatter_forward()
+
+    def pushed(self, state: NodalState) -> float:
+        """Return how far conditions push held nodes into the obstacle (m), on this rank.
+
+        How deep they were at the beginning, by the facets of a mesh, say, does not count.
+        """
+        deeper = np.where(state.takes_part, 0.0, -state.gap - self._overlap)
+        return float(np.max(deeper, initial=0.0))
+
+    def _refuse_oblique(
+        self, fixed: npt.NDArray[np.bool_], normals: Array, rough: npt.NDArray[np.bool_]
+    ) -> None:
+        """Refuse nodes with friction that are held obliquely to the surface."""
+        surface = self._side.surface
+        most = OBLIQUE_FACES if self._pairing.deformable else OBLIQUE
+        bad = np.flatnonzero(frame.oblique(normals, fixed, most) & rough)
+        where = [", ".join(f"{xi:.6g}" for xi in surface.x[i][: self._side.d]) for i in bad]
+        found = [x for part in surface.mesh.comm.allgather(where) for x in part]
+        if found:
+            raise ContactInputError(
+                f"Contact '{surface.name}': boundary conditions hold {len(found)} nodes in a "
+                f"direction that is neither normal nor tangential to the obstacle, the first at "
+                f"({found[0]}); their friction cannot be told from the reaction. Hold these nodes "
+                "in whole, leave them out of the surface, or take Frictionless()."
+            )
+
+    def _fixed_components(self) -> npt.NDArray[np.bool_]:
+        """Return, for each owned contact node, which Cartesian components are prescribed."""
+        nodes = self._side.owned(self._held.x.array) > 0.5
+        return self._pairing.prescribed(self._held, nodes)
+
+
+def touch(pairing: Pairing) -> Array:
+    """Return the gap (m) below which a node touches, for each owned node."""
+    return TOUCH * pairing.side.facet_size()

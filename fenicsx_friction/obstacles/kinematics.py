@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: MIT
+"""Gap, slip increment and frame of a contact node, in UFL and as the values of a field.
+
+For every obstacle they are one field on the contact surface, one entry a node::
+
+    gap, way (d), normal (d)[, first tangent (3, only in 3D)], position (d)
+
+The laws see nothing else of an obstacle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from ..surfaces.surface import ContactSurface
+
+Array = npt.NDArray[np.floating]
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Gap, slip increment and frame of a contact point, in UFL.
+
+    Attributes:
+        gap: Signed gap (m).
+        slip: Slip increment (m) in the frame, ``gdim - 1`` components.
+        normal: Unit normal towards the body.
+        tangents: Unit tangents.
+        position: Current position of the node (m).
+    """
+
+    gap: Expr
+    slip: Expr
+    normal: Expr
+    tangents: tuple[Expr, ...]
+    position: Expr
+
+    @classmethod
+    def of(cls, field: Expr, d: int) -> Kinematics:
+        """Read the kinematics in ``d`` dimensions from the entries of the field."""
+        part = [ufl.as_vector([field[i] for i in range(*where)]) for where in slices(d)[1:]]
+        way, normal, *first, position = part
+        if d == 2:
+            tangents: tuple[Expr, ...] = (ufl.as_vector([normal[1], -normal[0]]),)
+        else:
+            tangents = (first[0], ufl.cross(normal, first[0]))
+        slip = ufl.as_vector([ufl.dot(e, way) for e in tangents])
+        return cls(field[0], slip, normal, tangents, position)
+
+
+def slices(d: int) -> list[tuple[int, int]]:
+    """Return where the field has gap, way, normal[, first tangent] and position."""
+    sizes = [1, d, d, d, d] if d == 3 else [1, d, d, d]
+    ends = np.cumsum(sizes)
+    return [(int(end - size), int(end)) for size, end in zip(sizes, ends, strict=True)]
+
+
+def kinematic_field(surface: ContactSurface) -> fem.Function:
+    """Return a field for the kinematics of a surface's nodes."""
+    d = surface.mesh.geometry.dim
+    shape = (slices(d)[-1][1],)
+    element = basix.ufl.element("Lagrange", surface.submesh.basix_cell(), 1, shape=shape)
+    return fem.Function(fem.functionspace(surface.submesh, element), name="kinematics")
+
+
+def first_tangent(normal: Expr, hint: Expr) -> Expr:
+    """Return the unit vector along the tangential part of a hint."""
+    first = hint - ufl.dot(hint, normal) * normal
+    return first / ufl.sqrt(ufl.dot(first, first))
+
+
+def frames(values: Array, d: int) -> Array:
+    """Return the frames ``(n, e_1[, e_2])``, (nodes, d, d), of values of the field."""
+    normal, *first = (values[:, slice(*where)] for where in slices(d)[2:-1])
+    if d == 2:
+        return np.stack([normal, np.stack([normal[:, 1], -normal[:, 0]], axis=1)], axis=1)
+    return np.stack([normal, first[0], np.cross(normal, first[0])], axis=1)
+
+
+def frame_slopes(values: Array, slopes: Array, d: int) -> Array:
+    """Return the derivatives of the frames, (nodes, d, d, z), from those of the field."""
+    normal, *first = (values[:, slice(*where)] for where in slices(d)[2:-1])
+    dn, *de = (slopes[:, slice(*where)] for where in slices(d)[2:-1])
+    if d == 2:
+        return np.stack([dn, np.stack([dn[:, 1], -dn[:, 0]], axis=1)], axis=1)
+    second = np.cross(dn, first[0][:, :, None], axis=1) + np.cross(
+        normal[:, :, None], de[0], axis=1
+    )
+    return np.stack([dn, de[0], second], axis=1)

@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: MIT
+"""Node to face: each node of the secondary surface meets one face of the primary one at a time."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..base.collective import any_rank
+from ..surfaces.face_cells import Array, normals, project, shape_matrix
+from ..surfaces.faces import FaceSet
+from ..surfaces.surface import ContactSurface
+from .crossing import Motion, find_crossed
+from .obstacle import Mask, Pairing, View
+from .pair_kernel import PairGeometry, PairKernel
+from .search import TIE, Pairs, SearchPolicy, find_pairs, nearest_faces
+from .side import Side
+
+#: Ratio of face sizes from which the secondary surface should be the primary one.
+COARSE = 1.5
+#: Nodes of a face with less weight have no part in a contact on its edge.
+WEIGHTLESS = 1e-8
+
+
+class NodeToFace(Pairing):
+    """Nodes that meet faces of a deformable body.
+
+    A stencil is the node, the nodes of its face, and those of the face that it met at the last
+    accepted step, from where its slip starts.
+
+    Args:
+        primary: The primary surface.
+        policy: How pairs are found.
+        side: The secondary side.
+
+    Attributes:
+        pairs: The face of each owned node of the secondary surface.
+        faces: The faces of the primary surface on all ranks.
+    """
+
+    deformable = True
+    #: What :meth:`save` keeps, beside the faces met: arrays that are replaced, never changed.
+    _STATE = ("pairs", "_start", "_old_face", "_old_weights", "version")
+
+    def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
+        super().__init__(side)
+        self.primary, self.policy, self.version, self._last_version = primary, policy, 0, 0
+        self.faces, self._secondary = FaceSet(primary, side.u), FaceSet(side.surface, side.u)
+        self._warn_of_coarse_nodes()
+        n = side.surface.num_owned
+        self._kernel = PairKernel(side.surface.mesh.comm, self.faces.cell, side.d, n)
+        self._inputs_before: tuple[Array, ...] | None = None
+        self.anchor()
+
+    def _warn_of_coarse_nodes(self) -> None:
+        """Warn where the secondary surface should be the primary one."""
+        if self._secondary.size > COARSE * self.faces.size:
+            warnings.warn(
+                f"The secondary surface '{self.side.surface.name}' is coarser (faces of "
+                f"{self._secondary.size:.3g} m) than the primary one '{self.primary.name}' "
+                f"({self.faces.size:.3g} m): its pressures may chatter; swap them.",
+                stacklevel=2,
+            )
+
+    # -- kinematics ------------------------------------------------------------------------------
+
+    def update(self) -> None:
+        """Follow the displacement, as far as it has changed; collective."""
+        now = self._inputs()
+        before = self._inputs_before
+        changed = before is None or not all(map(np.array_equal, now, before))
+        if not any_rank(self.primary.mesh.comm, changed):
+            return
+        self._inputs_before = now
+        self._now = self._geometry(now[0])
+        values = self._kernel.values(self._now)
+        n, size = len(values), self._kernel.size
+        rows = self.field.x.array[: n * self.field.function_space.dofmap.bs].reshape(n, -1)
+        rows[:, :size] = values[:, :size]
+        alone = ~self.pairs.paired
+        if np.any(alone):
+            rows[alone, :size] = self._without_face(alone)
+        rows[:, size:] = self._secondary.X[self._secondary.own] + self.side.owned(
+            self.side.u.x.array
+        )
+        self.field.x.scatter_forward()
+        self._shapes = values[:, size:]
+
+    def derivatives(self) -> tuple[Array, Array | None]:
+        """Return the derivatives of field and weights by the stencil's positions."""
+        values = self._kernel.derivatives(self._now)
+        n, size, d = len(values), self._kernel.size, self.side.d
+        nodes = self.faces.cell.nodes
+        values = values.reshape(n, size + nodes, d * (1 + 2 * nodes))
+        values[~self.pairs.paired] = 0.0
+        position = np.zeros((n, d, values.shape[2]))
+        position[:, :, :d] = np.eye(d)
+        of_weights = np.concatenate([0.0 * values[:, :1], -values[:, size:]], axis=1)
+        return np.concatenate([values[:, :size], position], axis=1), of_weights
+
+    def weights(self) -> Array:
+        """Return the shares: action on the node, reaction on the face, none on the old one."""
+        shapes = np.where(self.pairs.paired[:, None], self._shapes, 0.0)
+        return np.concatenate([np.ones((len(shapes), 1)), -shapes], axis=1)
+
+    def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
+        """Return the entries at the nodes, at those of their faces and of their old faces."""
+        around = self.faces.gather_dofs(values)[self.nodes()]
+        around[~self.pairs.paired] = missing
+        return np.concatenate([self.side.owned(values)[:, None], around], axis=1)
+
+    def nodes(self) -> npt.NDArray[np.int64]:
+        """Return the primary nodes of each pair: of its face, then of its old face."""
+        return np.hstack([self.faces.faces[self.pairs.face], self.faces.faces[self._old_face]])
+
+    def _inputs(self) -> tuple[Array, ...]:
+        """Return all that the kinematics depend on; collective."""
+        u = self.side.owned(self.side.u.x.array)
+        around = self.faces.gather_dofs(self.side.u.x.array)[self.nodes()]
+        return around - u[:, None], u, self.side.nodal(self.side.hint).copy()
+
+    def _geometry(self, displacements: Array) -> PairGeometry:
+        """Collect the current configuration of this rank's pairs, as seen from the nodes.
+
+        Coordinates, and motions of all together, round nothing away then.
+        """
+        own = self._secondary.own
+        around = self.faces.X[self.nodes()] - self._secondary.X[own][:, None] + displacements
+        x = np.zeros((len(around), self.side.d))
+        # From the same start whatever was evaluated before: the fields depend on pairs and
+        # displacements only, to the last bit.
+        start = self.pairs.xi
+        xi = project(self.faces.cell, around[:, : self.faces.cell.nodes], x, start)
+        found = np.all(np.isfinite(xi), axis=1)
+        self.lost = self.pairs.paired & ~found
+        xi = np.where(found[:, None], xi, start)
+        z = np.concatenate([x[:, None], around], axis=1)
+        return PairGeometry(z, xi, self._old_weights, self.side.nodal(self.side.hint))
+
+    def _without_face(self, alone: Mask) -> Array:
+        """Return the field of nodes that meet no face: open, with a frame of their own."""
+        d, own = self.side.d, self._secondary.own
+        normal = -self._secondary.node_normals(self._secondary.X)[own][alone]
+        reach = self.policy.distance(self.faces)
+        parts = [np.full((len(normal), 1), reach), np.zeros_like(normal), normal]
+        if d == 3:
+            hint = self.side.nodal(self.side.hint)[alone]
+            first = hint - np.sum(hint * normal, axis=1)[:, None] * normal
+            length = np.linalg.norm(first, axis=1)[:, None]
+            parts.append(first / np.where(length > 0.0, length, 1.0))
+        return np.hstack(parts)
+
+    # -- pairs -----------------------------------------------------------------------------------
+
+    def anchor(self) -> None:
+        """Pair the nodes at ``u_old`` and keep the points of the faces that they meet there."""
+        n = self._secondary.own.stop - self._secondary.own.start
+        held = self.side.c.x.array[: n * self.side.d : self.side.d] > 0.0
+        self.pairs = self._start = self._find(self.side.u_old, held)
+        self._met = [self.pairs.face]
+        self._place_old()
+
+    def search(self) -> bool:
+        """Look again for the faces at the current displacement; collective."""
+        comm, keep = self.primary.mesh.comm, self.policy.keep
+        found = self._find(self.side.u, self.pairs.paired, self.pairs)
+        back = self._returns(found)
+        if any_rank(comm, bool(np.any(back))):
+            found = self._find(self.side.u, self.pairs.paired, self.pairs, back * keep)
+        changed = any_rank(comm, bool(np.any(found.face != self.pairs.face)))
+        if changed:
+            self.pairs = found
+            self._met.append(found.face)
+            self._place_old()
+        return changed
+
+    def save(self) -> object:
+        """Return the pairs, those of the step's start and all that follows from them."""
+        return {name: getattr(self, name) for name in self._STATE}, list(self._met)
+
+    def restore(self, saved: Any) -> None:
+        """Put the pairs back with their version, which no other pairs ever have."""
+        state, met = saved
+        vars(self).update(state)
+        self._met, self._inputs_before = list(met), None
+
+    def _returns(self, found: Pairs) -> npt.NDArray[np.bool_]:
+        """Tell which nodes would go back to a face that they have met in this step."""
+        before = np.any([found.face == face for face in self._met], axis=0)
+        return np.asarray(before & (found.face != self.pairs.face))
+
+    def _any(self, flags: npt.NDArray[np.bool_]) -> bool:
+        """Tell whether a flag is set on any rank; collective."""
+        return bool(self.primary.mesh.comm.allreduce(bool(np.any(flags)), MPI.LOR))
+
+    def _find(
+        self,
+        u: fem.Function,
+        held: npt.NDArray[np.bool_],
+        last: Pairs | None = None,
+        keep: npt.ArrayLike = 0.0,
+    ) -> Pairs:
+        """Pair this rank's nodes at a displacement; collective."""
+        x, own = self._secondary.positions(u), self._secondary.own
+        return find_pairs(
+            self.faces,
+            self.faces.positions(u),
+            x[own],
+            self._secondary.node_normals(x)[own],
+            self.policy,
+            held,
+            last,
+            keep=keep,
+        )
+
+    def _place_old(self) -> None:
+        """Find the point that each node met at ``u_old``; collective.
+
+        A node that met none there is traced back to its present face, extended. Later increments
+        of slip start from there, whatever faces the node has crossed.
+        """
+        self.version = self._last_version = self._last_version + 1
+        self._inputs_before = None
+        met = self._start.paired
+        self._old_face = np.where(met, self._start.face, self.pairs.face)
+        corners = self.faces.positions(self.side.u_old)[self.faces.faces[self._old_face]]
+        x = self._secondary.positions(self.side.u_old)[self._secondary.own]
+        xi = np.where(met[:, None], self._start.xi, self.pairs.xi)
+        projected = project(self.faces.cell, corners, x, xi)
+        xi = np.where(np.isfinite(projected), projected, xi)
+        self._old_weights = shape_matrix(self.faces.cell, xi)
+
+    # -- what else is asked of an obstacle -------------------------------------------------------
+
+    def view(self, u: fem.Function) -> View:
+        """Return how the faces look at the nodes; collective.
+
+        The cosine is the least of all faces, the gap that of the nearest, wherever it looks.
+        """
+        x, own = self._secondary.positions(u), self._secondary.own
+        directions, face_x = self._secondary.node_normals(x)[own], self.faces.positions(u)
+        centers = np.tile(self.faces.cell.center, (len(self.faces.faces), 1))
+        outward = normals(self.faces.cell, face_x[self.faces.faces], centers)
+        cosine = np.array([np.min(outward @ direction) for direction in directions])
+        near = nearest_faces(self.faces, face_x, x[own])
+        reach, over = self.policy.distance(self.faces), near.overhang <= TIE
+        looks = np.sum(outward[near.face] * directions, axis=1) < 0.0
+        lost = np.where(over & looks & (near.gap < -reach), -near.gap, 0.0)
+        return View(cosine, np.where(over & (near.gap >= -reach), near.gap, np.inf), lost)
+
+    def crossed(self, closed: Mask) -> Mask:
+        """Tell which nodes have gone through faces since the last step; collective."""
+        own = self._secondary.own
+        both = [self._secondary.positions(f) for f in (self.side.u_old, self.side.u)]
+        motion = Motion(
+            face_x=(self.faces.positions(self.side.u_old), self.faces.positions(self.side.u)),
+            x=(both[0][own], both[1][own]),
+            directions=(
+                self._secondary.node_normals(both[0])[own],
+                self._secondary.node_normals(both[1])[own],
+            ),
+        )
+        return find_crossed(self.faces, motion, ~closed, self._start.face)
+
+    def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
+        """Return the smallest stiffness over area (Pa/m) of the primary nodes; collective."""
+        values = diagonal[self.partners(V)] / self.primary.area.x.array[: self.primary.num_owned]
+        comm = self.primary.mesh.comm
+        return float(comm.allreduce(float(np.min(values, initial=np.inf)), MPI.MIN))
+
+    def partners(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+        """Return the (blocked) dofs of this rank's primary nodes."""
+        return self.primary.parent_dofs(V)[: self.primary.num_owned]
+
+    def rounding(self) -> Array:
+        """Return how far away from each node the nodes are that it meets (m)."""
+        self.update()
+        return np.asarray(np.max(abs(self._now.z), axis=(1, 2)) * self.pairs.paired)
+
+    def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
+        """Keep the directions in which the node and all that it meets are prescribed.
+
+        A node without a face keeps up to all but one of its directions, as on symmetry planes.
+        """
+        primary = self.faces.gather_dofs(fixed.x.array) > 0.5
+        self.update()
+        face = self.faces.faces[self.pairs.face]
+        ignored = abs(self._shapes) < WEIGHTLESS
+        both = nodes & np.all(primary[face] | ignored[:, :, None], axis=1)
+        alone = nodes & ~np.all(nodes, axis=1, keepdims=True)
+        return np.where(self.pairs.paired[:, None], both, alone)

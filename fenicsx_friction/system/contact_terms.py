@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: MIT
+"""How contact enters the equations: nodal forces, rows of the laws, and their derivatives.
+
+The bulk is assembled from forms. Contact is node-local: an element is the stencil of one node and
+its multipliers, whoever the node meets. The pairing brings kinematics and their derivatives, the
+laws' rows are differentiated in UFL; here they are chained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from ufl.algorithms import extract_coefficients
+from ufl.core.expr import Expr
+
+from ..base.collective import any_rank
+from ..base.errors import ContactInputError
+from ..contact.contact import Contact
+from ..obstacles.kinematics import Array, frame_slopes, frames
+from ..surfaces.nodal_kernel import NodalKernel
+from ..surfaces.surface import has_vertex_dofs
+from .conditions import constrained_dofs, with_conditions
+from .numbering import global_dofs
+
+Indices = npt.NDArray[np.int64]
+
+
+@dataclass
+class Law:
+    """The rows of one kind of substep at the nodes of each contact.
+
+    Attributes:
+        kernels: One for each contact; by the kinematics, the multipliers, then ``others``.
+        others: Further unknowns that the rows of each contact depend on.
+    """
+
+    kernels: list[NodalKernel]
+    others: list[list[int]] = field(default_factory=list)
+
+
+class ContactTerms:
+    """The elements of all contacts of a problem; methods are collective.
+
+    Args:
+        contacts: The contacts.
+        unknowns: All unknowns of the problem, the displacement first, the multipliers last.
+        bcs: All boundary conditions.
+    """
+
+    def __init__(
+        self,
+        contacts: Sequence[Contact],
+        unknowns: Sequence[fem.Function],
+        bcs: Sequence[fem.DirichletBC],
+    ) -> None:
+        self._contacts, self._unknowns, self._bcs = contacts, list(unknowns), bcs
+        self._u, self._comm = unknowns[0], unknowns[0].function_space.mesh.comm
+        spaces = [f.function_space for f in unknowns]
+        owned = [V.dofmap.index_map.size_local * V.dofmap.index_map_bs for V in spaces]
+        self._num_rows, self._num_owned = sum(owned), owned[0]
+        self._all_rows = global_dofs(spaces)
+        self._rows = [rows.copy() for rows in self._all_rows]
+        for V, free in zip(spaces, self._rows, strict=True):
+            free[constrained_dofs(V, bcs)] = -1
+
+    @property
+    def versions(self) -> tuple[int, ...]:
+        """What changes with the stencils."""
+        return tuple(k.pairing.version for k in self._contacts)
+
+    def update(self) -> None:
+        """Follow the displacement."""
+        for k in self._contacts:
+            k.pairing.update()
+
+    def law(self, rows: Callable[[Contact], Expr]) -> Law:
+        """Compile the rows of a kind of substep with their derivatives."""
+        law = Law([])
+        for k in self._contacts:
+            expression = rows(k)
+            found = set(extract_coefficients(expression))
+            others = [i for i, f in enumerate(self._others()) if f in found]
+            if self._u in found or any(
+                not has_vertex_dofs(self._others()[i].function_space) for i in others
+            ):
+                raise ContactInputError(
+                    f"The friction law of contact '{k.surface.name}' depends on an unknown without "
+                    "a dof at each vertex, or on the displacement itself; take a continuous "
+                    "Lagrange space, and what Sliding has of the displacement."
+                )
+            by = [k.pairing.field, k.c, *(self._others()[i] for i in others)]
+            law.kernels.append(NodalKernel(k.surface, expression, by))
+            law.others.append(others)
+        return law
+
+    def _others(self) -> list[fem.Function]:
+        """Return the unknowns beside displacement and multipliers."""
+        return self._unknowns[1 : len(self._unknowns) - len(self._contacts)]
+
+    # -- residual --------------------------------------------------------------------------------
+
+    def momentum(self) -> Array:
+        """Return the residual forces of contact (N) at the owned dofs, held ones included."""
+        vector = PETSc.Vec().createMPI((self._num_rows, None), comm=self._comm)
+        self._add_forces(vector, self._all_rows[0])
+        values = vector.array[: self._num_owned].copy()
+        vector.destroy()
+        return np.asarray(values)
+
+    def residuals(self, law: Law) -> list[Array]:
+        """Return the rows of the laws times the nodal areas, one array for each contact."""
+        self.update()
+        return [
+            kernel.values() * k.nodal_area()[:, None]
+            for k, kernel in zip(self._contacts, law.kernels, strict=True)
+        ]
+
+    def add_residual(self, b: PETSc.Vec, law: Law) -> None:
+        """Add to an assembled residual, with Dirichlet values lifted as in the forms."""
+        self._add_forces(b, self._rows[0])
+        c_rows = self._rows[len(self._rows) - len(self._contacts) :]
+        for k, values, rows in zip(self._contacts, self.residuals(law), c_rows, strict=True):
+            _add(b, k.pairing.side.nodal_entries(rows), values)
+        missing = [with_conditions(f, self._bcs) - f.x.array for f in self._unknowns]
+        # A prescribed value that Newton has yet to reach moves what is near with it.
+        if any_rank(self._comm, any(bool(np.any(m != 0.0)) for m in missing)):
+            for i, (matrix, rows) in enumerate(
+                zip(self.matrices(law), self.columns(law), strict=True)
+            ):
+                step = self._of_elements(i, law, missing, 0.0)
+                _add(b, rows, np.einsum("nij,nj->ni", matrix, step))
+        b.assemble()
+
+    def _add_forces(self, vector: PETSc.Vec, target: Indices) -> None:
+        """Subtract the nodal forces of contact from the rows of the momentum balance."""
+        for k in self._contacts:
+            forces = -k.nodal_area()[:, None] * k.nodal_traction()
+            weights = k.pairing.weights()
+            rows = k.pairing.gather(target, missing=-1)[:, : weights.shape[1]]
+            _add(vector, rows, weights[:, :, None] * forces[:, None])
+        vector.assemble()
+
+    # -- Jacobian --------------------------------------------------------------------------------
+
+    def columns(self, law: Law) -> list[Indices]:
+        """Return the rows of the dofs of each element: stencil, multipliers, further unknowns."""
+        return [self._of_elements(i, law, self._rows, -1) for i in range(len(self._contacts))]
+
+    def _of_elements(
+        self, i: int, law: Law, values: Sequence[npt.NDArray], missing: float
+    ) -> npt.NDArray:
+        """Return what arrays over the dofs of all unknowns hold at the elements of a contact.
+
+        Args:
+            i: The contact.
+            law: Tells of further unknowns.
+            values: One array for each unknown.
+            missing: Stands for points that a stencil does not have.
+        """
+        k, own = self._contacts[i], len(self._unknowns) - len(self._contacts)
+        n = k.surface.num_owned
+        stencil = k.pairing.gather(values[0], missing)
+        parts = [stencil.reshape(n, int(np.prod(stencil.shape[1:])))]
+        parts.append(k.pairing.side.nodal_entries(values[own + i]))
+        for j in law.others[i]:
+            V = self._others()[j].function_space
+            entries = values[1 + j].reshape(-1, V.dofmap.index_map_bs)
+            parts.append(entries[k.surface.parent_dofs(V)[:n]])
+        return np.hstack(parts)
+
+    def matrices(self, law: Law) -> list[Array]:
+        """Return the matrices of the elements, rows and columns as in :meth:`columns`."""
+        return [
+            _element_matrices(k, kernel)
+            for k, kernel in zip(self._contacts, law.kernels, strict=True)
+        ]
+
+
+def _element_matrices(k: Contact, kernel: NodalKernel) -> Array:
+    """Return the matrices of a contact's elements: (nodes, dofs, dofs)."""
+    values, d = k.pairing.values(), k.pairing.side.d
+    slopes, weight_slopes = k.pairing.derivatives()
+    by_field, by_c, *by_others = kernel.derivatives()
+    n, z = len(values), slopes.shape[2]
+    frame, weights, c = frames(values, d), k.pairing.weights(), k.multipliers()
+    traction = np.einsum("nk,nkd->nd", c, frame)
+    slope = np.einsum("nk,nkdz->ndz", c, frame_slopes(values, slopes, d))
+    sizes = [z, d, *(a.shape[2] for a in by_others)]
+    matrix = np.zeros((n, sum(sizes), sum(sizes)))
+    for i in range(weights.shape[1]):
+        row, weight = slice(d * i, d * (i + 1)), weights[:, i, None, None]
+        matrix[:, row, :z] = -weight * slope
+        if weight_slopes is not None:
+            matrix[:, row, :z] -= traction[:, :, None] * weight_slopes[:, i, None, :]
+        matrix[:, row, z : z + d] = -weight * frame.transpose(0, 2, 1)
+    law = np.concatenate([by_field @ slopes, by_c, *by_others], axis=2)
+    matrix[:, z : z + d] = law
+    return np.asarray(matrix * k.nodal_area()[:, None, None])
+
+
+def _add(vector: PETSc.Vec, rows: Indices, values: Array) -> None:
+    """Add values to rows of any rank, but to rows ``-1``."""
+    vector.setOption(PETSc.Vec.Option.IGNORE_NEGATIVE_INDICES, True)
+    vector.setValues(
+        rows.ravel().astype(PETSc.IntType), values.ravel(), addv=PETSc.InsertMode.ADD_VALUES
+    )

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: MIT
+"""What the substeps of a problem share: forms, terms of contact, one matrix and one factor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from petsc4py import PETSc
+
+import ufl
+from dolfinx import fem, mesh
+from dolfinx.fem.petsc import assign
+
+from ..base.compat import jacobian_blocks
+from ..base.compilation import NonlinearProblem, compiled
+from .contact_terms import ContactTerms, Law
+from .forces import ForceScales
+from .linear import forget_factor, require_solver
+from .options import DEFAULT_OPTIONS, effective, inside, set_up
+from .snes_callbacks import Callbacks
+
+
+class Newton:
+    """A ``NonlinearProblem`` of all unknowns, whose rows of contact a substep chooses.
+
+    Forms are compiled at the first use.
+
+    Args:
+        forms: Residual blocks; those of the multipliers hold their place only.
+        unknowns: The Functions solved for.
+        bcs: Dirichlet conditions on any of them.
+        prefix: Prefix of the PETSc options.
+        options: PETSc options over :data:`DEFAULT_OPTIONS`.
+        entity_maps: Entity maps of all meshes in the forms.
+        scales: Measures residuals.
+        terms: The terms of contact.
+
+    Attributes:
+        options: All options.
+        scales: As given.
+        terms: As given.
+    """
+
+    def __init__(
+        self,
+        forms: Sequence[ufl.Form],
+        unknowns: Sequence[fem.Function],
+        bcs: Sequence[fem.DirichletBC],
+        prefix: str,
+        options: Mapping[str, object] | None,
+        entity_maps: Sequence[mesh.EntityMap],
+        scales: ForceScales,
+        terms: ContactTerms,
+    ) -> None:
+        self._forms, self._unknowns, self._bcs = forms, unknowns, bcs
+        self._prefix, self._entity_maps = prefix, entity_maps
+        self.options = {**DEFAULT_OPTIONS, **(options or {})}
+        self.scales, self.terms = scales, terms
+        self.comm = unknowns[0].function_space.mesh.comm
+        require_solver(self.options, self.comm)
+        self._problem: NonlinearProblem | None = None
+        self.callbacks: Callbacks | None = None
+        self._linear_options: dict[str, str] = {}
+
+    @property
+    def problem(self) -> NonlinearProblem:
+        """The DOLFINx problem, with its vectors, the matrix of its forms, and the linear solver."""
+        if self._problem is None:
+            made = compiled(NonlinearProblem, self.comm)(
+                list(self._forms),
+                list(self._unknowns),
+                J=jacobian_blocks(self._forms, self._unknowns),
+                bcs=list(self._bcs),
+                petsc_options_prefix=self._prefix,
+                entity_maps=list(self._entity_maps),
+                kind="mpi",
+            )
+            factors = self.scales.row_factors
+            self.callbacks = Callbacks(made.solver, factors, self._unknowns, self.terms)
+            self._linear_options, self._problem = {}, made
+        return self._problem
+
+    def discard(self) -> None:
+        """Forget solver and matrices, which an error may have left half done."""
+        self._problem = self.callbacks = None
+
+    def solver(self, prefix: str) -> PETSc.SNES:
+        """Return a new nonlinear solver of a substep, with the linear solver of all."""
+        snes = PETSc.SNES().create(self.comm)
+        snes.setOptionsPrefix(prefix)
+        snes.setKSP(self.problem.solver.getKSP())
+        assert self.callbacks is not None
+        self.callbacks.attach(snes)
+        set_up(snes, self.options)
+        return snes
+
+    def prepare(self, snes: PETSc.SNES, law: Law) -> PETSc.Vec:
+        """Make ready for a solve of a substep from the present unknowns; returns their vector."""
+        problem = self.problem
+        assign(problem.u, problem.x)
+        assert self.callbacks is not None
+        if self.callbacks.prepare(problem.x, law):
+            forget_factor(snes)
+        self.callbacks.use(snes)
+        prefix, ksp = snes.getOptionsPrefix(), snes.getKSP()
+        if (options := effective(prefix, self.options)) != self._linear_options:
+            ksp.setOptionsPrefix(prefix)
+            with inside(ksp, self.options):
+                ksp.setFromOptions()
+            forget_factor(snes)
+            self._linear_options = options
+        return problem.x

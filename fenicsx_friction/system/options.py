@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: MIT
+"""PETSc options of one solver, which no later solver must find."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from petsc4py import PETSc
+
+from ..base.errors import ContactInputError
+
+DEFAULT_OPTIONS: dict[str, object] = {
+    "snes_type": "newtonls",
+    "snes_linesearch_type": "basic",
+    "snes_max_it": 30,
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+}
+
+
+@contextmanager
+def inside(solver: PETSc.Object, options: Mapping[str, object]) -> Iterator[None]:
+    """Put options into PETSc's database inside the context only.
+
+    A later solver of the same prefix must not find them; MUMPS reads its own as late as in the
+    first factorisation.
+    """
+    database = PETSc.Options(solver.getOptionsPrefix())
+    before = {k: database.getString(k) for k in options if database.hasName(k)}
+    try:
+        for name, value in options.items():
+            database.setValue(name, value)
+        yield
+    finally:
+        for name in options:
+            database.delValue(name)
+        for name, text in before.items():
+            database.setValue(name, text)
+
+
+def set_up(solver: PETSc.SNES | PETSc.KSP, options: Mapping[str, object]) -> None:
+    """Set up a solver, or say which options PETSc refuses."""
+    try:
+        with inside(solver, options):
+            solver.setFromOptions()
+    except PETSc.Error as error:
+        raise ContactInputError(
+            f"PETSc refuses the petsc_options {dict(options)}: {str(error).splitlines()[-1]}"
+        ) from error
+
+
+def effective(prefix: str, options: Mapping[str, object]) -> dict[str, str]:
+    """Return all options that a solver of a prefix sees inside its context."""
+    found: dict[str, str] = PETSc.Options(prefix).getAll()
+    return found | {name: str(value) for name, value in options.items()}
