@@ -55,6 +55,7 @@ class Certificate:
         tolerance: Relative tolerance of :attr:`certified`.
         certifiable: False if some law states no cone: then ``tangential_map`` is its own residual,
             and the state is solved but not certified.
+        drowned: Whether what is left of some body or contact is rounding, but more than may pass.
         crossed: Number of contacts of which nodes went through the obstacle within the step.
     """
 
@@ -80,6 +81,7 @@ class Certificate:
     tolerance: float
     certifiable: bool = True
     crossed: int = 0
+    drowned: bool = False
 
     @property
     def relative(self) -> float:
@@ -92,12 +94,6 @@ class Certificate:
     def resolved(self) -> bool:
         """Whether rounding leaves digits to all bodies and contacts that carry forces."""
         return bool(self.resolution <= coarsest(self.tolerance))
-
-    @property
-    def drowned(self) -> bool:
-        """Whether what is left is rounding, but more of it than may pass."""
-        left = max(self.resolution, self.tolerance)
-        return not self.resolved and self.relative <= left <= DROWNED
 
     @property
     def solved(self) -> bool:
@@ -181,6 +177,8 @@ def certify(
     negative = _worst(values["negative_limit"][loud], tractions[loud])
     power = (tractions * (slip + elastic))[loud]
     unphysical = max(negative, _worst(values["negative_dissipation"][loud], power))
+    resolution = scales.resolution(residual, tolerance)
+    below = (relative <= np.maximum(resolution, tolerance)) & (resolution <= DROWNED)
     excess = np.append(scales.excess(residual, apart, tolerance), unphysical / tolerance)
     return Certificate(
         **largest,
@@ -190,7 +188,8 @@ def certify(
         unphysical=unphysical,
         boundary=boundary,
         pushed=pushed,
-        resolution=float(np.max(scales.resolution(tolerance), initial=0.0)),
+        resolution=float(np.max(resolution, initial=0.0)),
+        drowned=bool(np.any((resolution > coarsest(tolerance)) & below)),
         excess=float(np.max(excess)),
         traction_scale=float(np.max(tractions, initial=0.0)),
         force_scale=float(np.max(scales.largest[:bodies], initial=0.0)),

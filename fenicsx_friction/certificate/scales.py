@@ -38,6 +38,8 @@ class Scales:
         given: What rounding hides at displacements that are no result: those of the last step and
             the prescribed ones, of all bodies that meet.
         length: Rounding of these displacements (m).
+        noise: Rounding errors of the residual, as far as they were looked for.
+        lenient: Groups that may be as right as rounding permits, however faint they are.
     """
 
     largest: Array
@@ -45,10 +47,13 @@ class Scales:
     hidden: Array
     given: Array
     length: Array
+    noise: Array
+    lenient: npt.NDArray[np.bool_]
 
     def quiet(self, tolerance: float) -> npt.NDArray[np.bool_]:
         """Tell where nothing acts but what rounding and the tolerance leave of other forces."""
-        return np.asarray(self.largest <= np.maximum(self.given, tolerance * self.before))
+        nothing = np.maximum(np.maximum(self.given, self.noise), tolerance * self.before)
+        return np.asarray((self.largest <= nothing) & ~self.lenient)
 
     def excess(
         self, residual: Array, distance: Array, tolerance: float, share: float = 1.0
@@ -65,22 +70,30 @@ class Scales:
             tolerance: Relative tolerance.
             share: The part of what rounding hides that is allowed.
         """
-        rounding = np.minimum(share * self.hidden, coarsest(tolerance) * self.largest)
+        hidden = np.maximum(share * self.hidden, self.noise)
+        most = np.where(self.lenient, np.inf, coarsest(tolerance) * self.largest)
+        rounding = np.minimum(hidden, most)
         loud = _ratio(residual, np.maximum(tolerance * self.largest, rounding))
         before = _ratio(residual, tolerance * self.before)
-        quiet = np.minimum(before, _ratio(distance, share * self.length))
-        return np.where(self.quiet(tolerance), quiet, loud)
+        apart = np.minimum(_ratio(distance, share * self.length), _ratio(residual, self.noise))
+        return np.where(self.quiet(tolerance), np.minimum(before, apart), loud)
 
     def relative(self, residual: Array, distance: Array, tolerance: float) -> Array:
-        """Return the residuals over the forces; where nothing acts, as the tolerance sees them."""
-        quiet = tolerance * self.excess(residual, distance, tolerance)
-        return np.where(self.quiet(tolerance), quiet, _ratio(residual, self.largest))
+        """Return the residuals over the forces; what rounding excuses counts as it is excused."""
+        excused = self.quiet(tolerance) | self.lenient
+        seen = tolerance * self.excess(residual, distance, tolerance)
+        return np.where(excused, seen, _ratio(residual, self.largest))
 
-    def resolution(self, tolerance: float) -> Array:
-        """Return the relative accuracy that rounding permits, 0 where nothing acts."""
-        loud = ~self.quiet(tolerance)
+    def resolution(self, residual: Array, tolerance: float) -> Array:
+        """Return the relative accuracy that rounding permits, 0 where nothing acts.
+
+        Noise counts where a residual needs it as an excuse.
+        """
+        loud = ~self.quiet(tolerance) & ~self.lenient
+        needed = residual > np.maximum(tolerance * self.largest, self.hidden)
+        hidden = np.where(needed, np.maximum(self.hidden, self.noise), self.hidden)
         ratio = np.zeros_like(self.largest)
-        return np.divide(self.hidden, self.largest, out=ratio, where=loud)
+        return np.divide(hidden, self.largest, out=ratio, where=loud & (self.largest > 0.0))
 
 
 def _ratio(values: Array, scales: Array) -> Array:

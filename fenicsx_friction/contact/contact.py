@@ -112,7 +112,6 @@ class Contact:
         law = self.friction.on(self.surface.mesh)
         self.rows = LawRows(self.pairing.kinematics, law, self, dt, normal)
         self._nodal = NodalKernel(self.surface, self.rows.nodal)
-        self._length = NodalKernel(self.surface, ufl.as_vector([self.rows.sliding.path]))
         self._own_row = None
         if self.rows.own_row is not None:
             self._own_row = NodalKernel(self.surface, self.rows.own_row)
@@ -212,7 +211,7 @@ class Contact:
 
     def friction_at_unit_pressure(self) -> Array:
         """Return the friction limits at unit pressure; collective."""
-        return self._values()[:, -2]
+        return self._values()[:, -3]
 
     def nodal_traction(self) -> Array:
         """Return the traction vectors on the body in global axes (Pa); collective."""
@@ -264,7 +263,7 @@ class Contact:
         n = self.surface.num_owned
         traction = np.linalg.norm(self.present().c[:, 1:], axis=1)
         slack = FALSE_ROOT * np.max(traction, initial=0.0)
-        outside = traction > self._values()[:, -1] * (1.0 + FALSE_ROOT) + slack
+        outside = traction > self._values()[:, -2] * (1.0 + FALSE_ROOT) + slack
         found = np.any(outside & (self.slipping.x.array[:n] > 0.5))
         return any_rank(self.surface.mesh.comm, bool(found))
 
@@ -279,5 +278,5 @@ class Contact:
         slip: npt.NDArray = free * np.einsum("nd,nkd->nk", way, frames)
         self.slip_increment = np.einsum("nk,nkd->nd", slip, frames)
         closed = self.accepted.states() != OPEN
-        self.path.x.array[:n] = np.where(closed, self._length.values()[:, 0], self.path.x.array[:n])
+        self.path.x.array[:n] = np.where(closed, self._values()[:, -1], self.path.x.array[:n])
         self.path.x.scatter_forward()

@@ -28,7 +28,7 @@ class LawRows:
     Attributes:
         sliding: What the law knows of the sliding.
         nodal: Gap, slip and traction in the law's disk variables, and the friction limit: at the
-            contact pressure, at a unit pressure, at ``c_n``.
+            contact pressure, at a unit pressure, at ``c_n``; the length slid.
         own_row: ``R_t`` of a law that states no cone, or ``None``.
     """
 
@@ -61,7 +61,7 @@ class LawRows:
         limit = self._limit(rows.positive(fields.c[0] - fields.scale * self._gap))
         limits = [limit, friction.limit(ufl.as_ufl(1.0), self.sliding)]
         limits.append(self._scale * friction.limit(fields.c[0], self.sliding))
-        self.nodal = ufl.as_vector([self._gap, *slip, *c_t, *limits])
+        self.nodal = ufl.as_vector([self._gap, *slip, *c_t, *limits, path])
         self.own_row = None
         if not friction.certifiable:
             row = friction.row(slip, c_t, limit, fields.scale, ufl.as_ufl(0.0))

@@ -82,11 +82,20 @@ class EnergyAudit:
         form = compiled(fem.form, problem.comm)
         self._stored = form(stored)
         self._loads = None if loads is None else form(loads)
-        self._u = problem.u.x.array.copy()
+        self._u, self._step = problem.u.x.array.copy(), problem.num_steps
         self._energy, self._forces, self._contact = self._evaluate()
 
     def update(self) -> EnergyBalance:
-        """Balance the step accepted since the last call; collective."""
+        """Balance the step accepted since the last call; collective.
+
+        Raises:
+            ContactInputError: If no step was accepted since.
+        """
+        if self._problem.num_steps <= self._step:
+            raise ContactInputError(
+                f"EnergyAudit.update(): no step was accepted since step {self._step}; call it "
+                "after a solve() whose report is certified."
+            )
         energy, forces, contact = self._evaluate()
         owned = len(forces)
         du = (self._problem.u.x.array - self._u)[:owned]
@@ -104,7 +113,7 @@ class EnergyAudit:
             smallest_dissipation=comm.allreduce(float(np.min(nodal, initial=np.inf)), MPI.MIN),
             contact_work=float(contact_work),
         )
-        self._u = self._problem.u.x.array.copy()
+        self._u, self._step = self._problem.u.x.array.copy(), self._problem.num_steps
         self._energy, self._forces, self._contact = energy, forces, contact
         return balance
 

@@ -90,6 +90,14 @@ class RigidMotion:
         arm = x - self._center - self._old_translation.value
         return np.asarray(self._center + self.translation.value + arm @ turn.T)
 
+    def moved(self, X: Array) -> Array:
+        """Return :meth:`displacement` of a point in numbers."""
+        return np.asarray(self.translation.value + self.turned_by() @ (X - self._center))
+
+    def turned_by(self) -> Array:
+        """Return the rotation matrix less the identity, in numbers."""
+        return self._turn(float(self.angle.value)) - np.eye(len(self._center))
+
     def commit(self) -> None:
         """Make the present position that of the last accepted step."""
         self._old_translation.value = self.translation.value

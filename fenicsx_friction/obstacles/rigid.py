@@ -86,7 +86,12 @@ class RigidObstacle(Obstacle):
 
     def rounding(self, pairing: Pairing) -> Array:
         """Return the lengths (m) that coordinates round to, see ``Pairing.rounding``."""
-        return np.sum(abs(pairing.normals() * pairing.positions()), axis=1)
+        x, normals = pairing.positions(), abs(pairing.normals())
+        lengths = np.sum(normals * abs(x), axis=1)
+        if self.motion is not None:
+            lengths += np.sum(normals * abs(x - self.undone(x)), axis=1)
+            lengths += np.linalg.norm(self.motion.turned_by()) * np.linalg.norm(x, axis=1)
+        return np.asarray(lengths)
 
     def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which open nodes pass through the obstacle on their ways; collective.
@@ -141,9 +146,11 @@ class RigidPairing(Pairing):
 
     def rounding(self) -> Array:
         """Return what coordinates round to, and how far the obstacle has carried its points."""
-        x = self.positions()
-        carried = np.linalg.norm(x - self.obstacle.undone(x), axis=1)
-        return np.asarray(self.obstacle.rounding(self) + carried)
+        motion, lengths = self.obstacle.motion, self.obstacle.rounding(self)
+        if motion is None:
+            return lengths
+        old = self.side.surface.x[:, : self.side.d] + self.side.owned(self.side.u_old.x.array)
+        return np.asarray(lengths + np.linalg.norm(motion.carried(old) - old, axis=1))
 
     def crossed(self, closed: Mask) -> Mask:
         """Tell which open nodes have passed right through the obstacle; collective."""
@@ -200,16 +207,16 @@ class RigidPlane(RigidObstacle):
         return ufl.dot(ufl.as_vector(normal), X - ufl.as_vector([*map(float, self.point)]))
 
     def near(self, side: Side) -> RigidObstacle:
-        """Return the same plane, with the distances of a side's nodes as numbers."""
-        S, normal = side.surface.S, unit(self.normal, "The plane's normal")
+        """Return the same plane by its point under a side, with the nodes' distances as numbers."""
+        S, normal = side.surface.S, np.array(unit(self.normal, "The plane's normal"))
         check_dimension(len(normal), side.d, f"A plane with normal {self.normal}")
         distance = fem.Function(S, name="distance_at_start")
         X = S.tabulate_dof_coordinates()[:, : side.d]
         distance.x.array[:] = (X - np.asarray(self.point)) @ normal
+        away = middle(side) - np.asarray(self.point)
+        foot = np.asarray(self.point) + away - (away @ normal) * normal
         msh = side.surface.mesh
-        place = _Place(
-            fem.Constant(msh, normal), fem.Constant(msh, [*map(float, self.point)]), distance
-        )
+        place = _Place(fem.Constant(msh, normal), fem.Constant(msh, foot), distance)
         return replace(self, place=place)
 
     def gap_and_normal(self, X: Expr, u: Expr) -> tuple[Expr, Expr]:
@@ -229,8 +236,17 @@ class RigidPlane(RigidObstacle):
         return gap, normal + turned
 
     def rounding(self, pairing: Pairing) -> Array:
-        """Return nothing: coordinates enter only where the plane is carried."""
-        return np.zeros(pairing.side.surface.num_owned)
+        """Return how far it has carried its point along the normal, and what it has turned."""
+        n = pairing.side.surface.num_owned
+        if self.motion is None:
+            return np.zeros(n)
+        normal, point = np.array(unit(self.normal, "The plane's normal")), np.asarray(self.point)
+        x = pairing.side.surface.x[:, : len(normal)]
+        foot = x.mean(axis=0) if n else point
+        foot = foot - ((foot - point) @ normal) * normal
+        moved, turned = self.motion.moved(foot), self.motion.turned_by() @ normal
+        along = np.sum(abs((normal + turned) * moved))
+        return np.asarray(along + np.linalg.norm(turned) * np.linalg.norm(x - foot, axis=1))
 
     def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which nodes pass through: none, there is no far side."""

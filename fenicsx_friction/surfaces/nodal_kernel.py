@@ -90,14 +90,16 @@ class NodalKernel:
         at_points = copier(expand_derivatives(values))
         self.refresh = copier.refresh
         self._values = self._points.expression(at_points, comm)
-        self._derivatives = []
+        entries: list[Expr] = []
+        self._sizes = []
         for f in by:
             variable = ufl.variable(copier(f))
             derivative = ufl.diff(ufl.replace(at_points, {copier(f): variable}), variable)
-            zero = isinstance(expand_derivatives(derivative), ufl.classes.Zero)
-            size = int(np.prod(values.ufl_shape)), int(np.prod(f.ufl_shape, dtype=int))
-            evaluate = None if zero else self._points.expression(derivative, comm)
-            self._derivatives.append((size, evaluate))
+            entries += _entries(derivative)
+            self._sizes.append((len(values), int(np.prod(f.ufl_shape, dtype=int))))
+        self._derivatives = None
+        if entries:
+            self._derivatives = self._points.expression(ufl.as_vector(entries), comm)
 
     def values(self, *, refresh: bool = True) -> Array:
         """Return the values now, one row a node; collective unless they are of the last refresh."""
@@ -109,10 +111,11 @@ class NodalKernel:
         """Return the derivatives by each Function: (nodes, values, components)."""
         if refresh:
             self.refresh()
-        n = self._points.number
+        assert self._derivatives is not None
+        ends = np.cumsum([a * b for a, b in self._sizes])
+        parts = np.split(self._derivatives(), ends[:-1], axis=1)
         return [
-            np.zeros((n, *size)) if evaluate is None else evaluate().reshape(n, *size)
-            for size, evaluate in self._derivatives
+            part.reshape(len(part), *size) for part, size in zip(parts, self._sizes, strict=True)
         ]
 
 

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
@@ -17,12 +17,11 @@ from dolfinx.la import InsertMode
 
 from ..base.compilation import compiled
 from ..certificate.groups import Array, Groups, number_bodies
-from ..certificate.scales import Scales
+from ..certificate.scales import DIGITS, Scales
 from .conditions import with_conditions
 
-#: An unknown that is right to this part of its largest value may stand for flows that are not
-#: right to the tolerance; they are faint where it hides more than a part of them.
-EXACT, HIDES = 1e-12, 1e-6
+#: How much of a row depends on the displacement, at a strain of one, to be measured by forces.
+LINKED = 1e-6
 #: Numbers of cells times the golden ratio: neighbours get fractions far from each other.
 GOLDEN = (1.0 + 5.0**0.5) / 2.0
 
@@ -33,13 +32,13 @@ class FurtherEquation:
     At the solution, what flows from the cells through each node has the sum zero. Multiplied by a
     number for each cell, the sum is of the size of the flows instead, whatever constant is added
     to the unknown: this is what residuals are compared with, in each body apart. The rows of an
-    equation that contains the displacement are also compared with the forces. Where flows are too
-    faint for that, beside the unknown, the unknown itself is right to ``EXACT``.
+    equation that contains the displacement are also compared with the forces. Where flows are faint
+    beside the unknowns, a residual may be what rounding makes of these.
 
     Args:
         residual: The equation.
         unknown: Its unknown.
-        u: The displacement.
+        others: All unknowns of the bulk, displacement first.
         stiffest: The largest stiffness of the bulk (N/m), of all ranks.
         bcs: Dirichlet conditions.
         entity_maps: Entity maps of all meshes in the equation.
@@ -54,13 +53,13 @@ class FurtherEquation:
     """
 
     #: What :meth:`begin` sets: arrays that are replaced, never changed.
-    AT_START = ("_before", "_there")
+    AT_START = ("_before", "noise")
 
     def __init__(
         self,
         residual: ufl.Form,
         unknown: fem.Function,
-        u: fem.Function,
+        others: Sequence[fem.Function],
         stiffest: float,
         bcs: Sequence[fem.DirichletBC],
         entity_maps: Sequence[mesh.EntityMap],
@@ -72,24 +71,29 @@ class FurtherEquation:
         owned, bs = V.dofmap.index_map.size_local, V.dofmap.index_map_bs
         self.body = np.repeat(body, bs)[: owned * bs]
         self._groups = Groups(self.body, self.number)
-        _, coupling = self._derivative(residual, u)
-        self.linked = coupling > 0.0
-        self.unit = stiffest / coupling if self.linked and stiffest > 0.0 else 1.0
-        diagonal, norm = self._derivative(residual, unknown)
-        self.slope = np.where(diagonal > 0.0, diagonal, norm)
+        found = [self._derivative(residual, f) for f in others]
+        self._others = list(others)
+        self._bodies = [_bodies(f.function_space, V, self.number) for f in others]
+        self._norms = [size for _, size in found]
+        diagonal, norm = found[[f is unknown for f in others].index(True)]
+        self.slope: Array = np.where(diagonal > 0.0, diagonal, norm)
+        msh = others[0].function_space.mesh
+        size = msh.comm.allreduce(float(np.max(msh.h(msh.topology.dim, _cells(msh)))), MPI.MAX)
+        strained = self._norms[0] * size
+        own = float(np.max(self._hidden(), initial=0.0)) / DIGITS
+        self.linked = strained > LINKED * own
+        self.unit = stiffest / self._norms[0] if self.linked and stiffest > 0.0 else 1.0
         sloped = np.where(self.slope > 0.0, self.slope, 1.0)
         self.row_factors = np.full(len(self.body), self.unit) if self.linked else sloped
         self.begin()
 
     def begin(self) -> None:
-        """Keep the flows at the start of a step, under its new loads, and what is prescribed."""
-        self._before = self._flows()
-        there = np.maximum(
-            abs(self._unknown.x.array), abs(with_conditions(self._unknown, self._bcs))
-        )
-        there = there[: len(self.body)]
-        given = [self._groups.largest(values) for values in (self.slope * there, there)]
-        self._there = self._over_ranks(np.stack(given))
+        """Keep the flows at the start of a step, under its new loads."""
+        self._before, self.noise = self._flows(), np.zeros(self.number)
+
+    def find_noise(self, errors: Array) -> None:
+        """Take the rounding errors of the rows of this state, until the next step begins."""
+        self.noise = self._over_ranks(self._groups.largest(errors))
 
     def scales(self, bodies: Scales) -> Scales:
         """Measure the equation in each body.
@@ -97,15 +101,32 @@ class FurtherEquation:
         Args:
             bodies: Scales of the forces, which measure linked equations, too.
         """
-        flows = self.unit * self._flows()
+        largest, before = self.unit * self._flows(), self.unit * self._before
         if self.linked:
-            own = [flows, self.unit * self._before]
-            forces = [np.full(self.number, np.max(getattr(bodies, f.name))) for f in fields(Scales)]
-            return Scales(*map(np.maximum, own, forces[:2]), *forces[2:])
-        x = abs(self._unknown.x.array[: len(self.body)])
-        now = self._over_ranks(np.stack([self._groups.largest(v) for v in (self.slope * x, x)]))
-        hidden, length = EXACT * np.maximum(now, self._there)
-        return Scales(flows, self._before, hidden, hidden / HIDES, length)
+            largest = np.maximum(largest, np.max(bodies.largest))
+            before = np.maximum(before, np.max(bodies.before))
+        nothing = np.zeros(self.number)
+        return Scales(
+            largest,
+            before,
+            hidden=self.unit * self._hidden(),
+            given=nothing,
+            length=nothing,
+            noise=self.unit * self.noise,
+            lenient=np.ones(self.number, dtype=bool),
+        )
+
+    def _hidden(self) -> Array:
+        """Return what rounding makes of the unknowns in a row of each body."""
+        most = np.zeros(self.number)
+        for f, norm, groups in zip(self._others, self._norms, self._bodies, strict=True):
+            values = np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs)))
+            if groups is None:  # of another mesh
+                largest = np.full(self.number, np.max(values, initial=0.0))
+            else:
+                largest = groups.largest(values)
+            most = np.maximum(most, norm * largest)
+        return DIGITS * np.nan_to_num(self._over_ranks(most), posinf=0.0)
 
     def _flows(self) -> Array:
         """Return the largest flow of each body."""
@@ -121,7 +142,7 @@ class FurtherEquation:
             return diagonal, 0.0
         matrix = assemble_matrix(self._compiled(tangent))
         matrix.assemble()
-        if by is self._unknown:
+        if by is self._unknown:  # square
             diagonal = abs(matrix.getDiagonal().array)
         norm = matrix.norm(PETSc.NormType.INFINITY)
         matrix.destroy()
@@ -138,10 +159,23 @@ class FurtherEquation:
         return values
 
 
+def _bodies(W: fem.FunctionSpace, V: fem.FunctionSpace, number: int) -> Groups | None:
+    """Group the local dofs of a space by the bodies of another one, if of one mesh."""
+    if W.mesh is not V.mesh:
+        return None
+    return Groups(np.repeat(number_bodies(W)[1], W.dofmap.index_map_bs), number)
+
+
 def _weighted(residual: ufl.Form, V: fem.FunctionSpace) -> dict[ufl.Argument, ufl.core.expr.Expr]:
     """Map the test function to itself times a number between -1 and 1 for each cell."""
     (test,) = residual.arguments()
     weights = fem.Function(fem.functionspace(V.mesh, ("DG", 0)))
-    cells = V.mesh.topology.original_cell_index
-    weights.x.array[: len(cells)] = 2.0 * ((cells * GOLDEN) % 1.0) - 1.0
+    index_map = V.mesh.topology.index_map(V.mesh.topology.dim)
+    local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    weights.x.array[:] = 2.0 * ((index_map.local_to_global(local) * GOLDEN) % 1.0) - 1.0
     return {test: weights * test}
+
+
+def _cells(msh: mesh.Mesh) -> npt.NDArray[np.int32]:
+    """Return the owned cells."""
+    return np.arange(msh.topology.index_map(msh.topology.dim).size_local, dtype=np.int32)

@@ -23,8 +23,9 @@ from .noise import rounding_errors
 
 #: Newton stops where what is left of a residual is this share of what rounding hides.
 SHARE = 0.25
-#: Rounding errors of forces may be so many times those of one trial.
-NOISE = 4.0
+#: Rounding errors of forces may be so many times those of one trial, and at most this part of
+#: stiffness times cell size.
+NOISE, MOST_NOISE = 4.0, 1e-11
 #: A condition is met at this distance, relative to the largest value.
 MISSED = 1e-12
 
@@ -42,6 +43,7 @@ class ForceScales:
         stiffness: Diagonal of the bulk stiffness (N/m) at the owned dofs of the displacement.
         equations: The equations beside the momentum balance.
         terms: How contact enters the equations.
+        residuals: Returns these, and the rows of the further equations.
         momentum: Returns the unbalanced nodal forces (N) of the owned dofs, reactions included.
 
     Attributes:
@@ -65,6 +67,7 @@ class ForceScales:
         equations: Sequence[FurtherEquation],
         terms: ContactTerms,
         momentum: Callable[[], Array],
+        residuals: Callable[[], list[Array]],
     ) -> None:
         self._unknowns, self._contacts, self._bcs = list(unknowns), contacts, bcs
         self._u, self._terms, self._momentum = unknowns[0], terms, momentum
@@ -80,6 +83,11 @@ class ForceScales:
         self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
         self._linked = self._link(body)
         self.contact_nodes = self._comm.allreduce(sum(len(n) for n in self._bodies), MPI.SUM)
+        msh = self._u.function_space.mesh
+        cells = np.arange(msh.topology.index_map(msh.topology.dim).size_local, dtype=np.int32)
+        sizes = msh.h(msh.topology.dim, cells)
+        self._size = self._comm.allreduce(float(np.max(sizes, initial=0.0)), MPI.MAX)
+        self._residuals = residuals
         self.begin()
 
     def begin(self) -> None:
@@ -112,9 +120,14 @@ class ForceScales:
             vars(part).update(values)
 
     def find_noise(self) -> None:
-        """Find what rounding leaves of the forces of this state, until the next step begins."""
-        noise = NOISE * self._all.largest(rounding_errors(self._u, self._momentum))
-        self._noise = np.maximum(self._noise, self._over_ranks(noise))
+        """Find what rounding leaves of the forces of this state, until it is looked for again."""
+        momentum, *others = rounding_errors(self._unknowns, self._residuals)
+        # More would not be rounding: a residual of numbers out of bounds, or with a kink.
+        most = MOST_NOISE * self._stiffest * self._size
+        noise = self._over_ranks(NOISE * self._all.largest(momentum))
+        self._noise = np.where(noise <= most, noise, 0.0)
+        for equation, errors in zip(self._equations, others, strict=True):
+            equation.find_noise(NOISE * errors)
 
     def residuals(self, *blocks: Array) -> tuple[Array, Array]:
         """Return the largest residual of each group (N or Pa), and over the stiffness (m).
@@ -155,8 +168,10 @@ class ForceScales:
         u = self._u.x.array[: len(self._stiffness)]
         local = np.stack([largest, DIGITS * self._all.largest(self._stiffness * abs(u))])
         forces, hidden = self._over_ranks(local)
-        hidden = np.maximum(hidden, self._noise)
-        bodies = Scales(forces, self._forces, hidden, self._given, self._length)
+        strict = np.zeros(self.number, dtype=bool)
+        bodies = Scales(
+            forces, self._forces, hidden, self._given, self._length, self._noise, strict
+        )
         tractions = self._by_contact(self._traction_lengths())
         rounded = [
             k.nodal_scale() * (k.distance() + lengths)
@@ -171,6 +186,8 @@ class ForceScales:
             unresolved,
             np.tile(self._given, each) * self._per_area,
             np.tile(self._length, each),
+            np.zeros(each * self.number),
+            np.tile(strict, each),
         )
         return _joined([bodies, contacts, *(e.scales(bodies) for e in self._equations)])
 

@@ -103,8 +103,8 @@ class Newton:
             forget_factor(snes)
         self.callbacks.use(snes)
         prefix, ksp = snes.getOptionsPrefix(), snes.getKSP()
+        ksp.setOptionsPrefix(prefix)  # MUMPS looks there when it makes a factor
         if (options := effective(prefix, self.options)) != self._linear_options:
-            ksp.setOptionsPrefix(prefix)
             with inside(ksp, self.options):
                 ksp.setFromOptions()
             forget_factor(snes)

@@ -6,40 +6,53 @@ ones round as large ones would. What a residual hides depends on how it is writt
 its second difference, which is nothing but rounding when the difference is small.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
+from dolfinx import fem, mesh
 
 Array = npt.NDArray[np.floating]
-#: Strain of the difference: many digits of a deformation gradient, next to nothing to a kink.
-STRAIN = 1e-12
+#: Strain of the difference, and its part of further unknowns: many digits of a deformation
+#: gradient, next to nothing to a kink.
+PERTURBATION = 1e-12
 
 
-def rounding_errors(u: fem.Function, forces: Callable[[], Array]) -> Array:
-    """Return the rounding errors of nodal forces at the present displacement; collective.
+def rounding_errors(
+    unknowns: Sequence[fem.Function], residuals: Callable[[], list[Array]]
+) -> list[Array]:
+    """Return the rounding errors of residuals at the present state; collective.
 
     Args:
-        u: The displacement; as it was afterwards.
-        forces: Assembles the forces (N) of the owned dofs.
+        unknowns: The unknowns of the bulk, displacement first; as they were afterwards.
+        residuals: Assembles the rows of the owned dofs, one array an equation.
     """
-    msh = u.function_space.mesh
-    cells = np.arange(msh.topology.index_map(msh.topology.dim).size_local, dtype=np.int32)
-    sizes = msh.h(msh.topology.dim, cells)
-    size = msh.comm.allreduce(float(np.min(sizes, initial=np.inf)), MPI.MIN)
-    kept = u.x.array.copy()
-    generator = np.random.default_rng(msh.comm.rank)
-    step = fem.Function(u.function_space)
-    step.x.array[:] = STRAIN * size * generator.uniform(-0.5, 0.5, len(kept))
-    step.x.scatter_forward()
+    comm = unknowns[0].function_space.mesh.comm
+    kept = [f.x.array.copy() for f in unknowns]
+    lengths = [_smallest_cell(unknowns[0].function_space.mesh)]
+    lengths += [comm.allreduce(float(np.max(abs(a), initial=0.0)), MPI.MAX) for a in kept[1:]]
+    generator, steps = np.random.default_rng(comm.rank), []
+    for f, length in zip(unknowns, lengths, strict=True):
+        step = fem.Function(f.function_space)
+        step.x.array[:] = PERTURBATION * length * generator.uniform(-0.5, 0.5, len(f.x.array))
+        step.x.scatter_forward()
+        steps.append(step)
     try:
         found = []
         for way in (-1.0, 0.0, 1.0):
-            u.x.array[:] = kept + way * step.x.array
-            found.append(forces())
+            for f, values, step in zip(unknowns, kept, steps, strict=True):
+                f.x.array[:] = values + way * step.x.array
+            found.append(residuals())
     finally:
-        u.x.array[:] = kept
-    return abs(found[0] - 2.0 * found[1] + found[2])
+        for f, values in zip(unknowns, kept, strict=True):
+            f.x.array[:] = values
+    return [abs(a - 2.0 * b + c) for a, b, c in zip(*found, strict=True)]
+
+
+def _smallest_cell(msh: mesh.Mesh) -> float:
+    """Return the size of the smallest cell (m); collective."""
+    cells = np.arange(msh.topology.index_map(msh.topology.dim).size_local, dtype=np.int32)
+    smallest = np.min(msh.h(msh.topology.dim, cells), initial=np.inf)
+    return float(msh.comm.allreduce(float(smallest), MPI.MIN))

@@ -15,7 +15,6 @@ from dolfinx.fem.petsc import assign
 from ufl.core.expr import Expr
 
 from ..base.errors import OutOfMemory
-from ..certificate.scales import COARSEST
 from ..contact.contact import Contact
 from .contact_terms import Law
 from .linear import factor_failure, forget_factor, out_of_memory
@@ -53,7 +52,7 @@ class Substep:
         self._solver: PETSc.SNES | None = None
         self._solves: object = None
         self._history: list[float] = []
-        self._cycled, self._tolerance, self._failure = False, 0.0, ""
+        self._cycled, self._tolerance, self._failure, self._noisy = False, 0.0, "", False
 
     @property
     def law(self) -> Law:
@@ -155,7 +154,7 @@ class Substep:
         snes.getLineSearch().setType(str(line_search or chosen))
         snes.setTolerances(max_it=int(str(max_it or limit)))
         self._history, self._cycled, self._tolerance = [], False, tolerance
-        self._failure = ""
+        self._failure, self._noisy = "", False
         converged, reason = self._run(target)
         return SubstepReport(
             name=self.name,
@@ -229,8 +228,9 @@ class Substep:
         """Tell whether a residual that no step makes smaller is rounding; collective."""
         if self._scales.excess(rows, max(ROUNDING, self._tolerance)) <= 1.0:
             return True
-        if self._scales.excess(rows, COARSEST) > 1.0:
+        if self._noisy:  # it was looked for in this solve
             return False
+        self._noisy = True
         self._scales.find_noise()
         return self._scales.excess(rows, self._tolerance) <= 1.0
 

@@ -4,6 +4,7 @@
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from itertools import zip_longest
+from typing import TypeVar
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -37,8 +38,8 @@ from .substep import Substep
 #: The multipliers of a node in several contacts are redundant where it sticks: MUMPS then finds
 #: pivots that vanish, and takes one of the solutions.
 REDUNDANT: dict[str, object] = {"mat_mumps_icntl_24": 1}
-#: Residuals below this, relative, may be the rounding errors of the bulk.
-NOISY = 1e-2
+
+T = TypeVar("T")
 
 
 class ContactSystem:
@@ -65,6 +66,7 @@ class ContactSystem:
         constrained_dofs: Dofs of ``u`` under a boundary condition (local, unrolled).
         scales: Measures residuals by the forces of each body and contact.
         bulk: The momentum balance without contact, ready to be assembled.
+        newton: What the substeps share: forms, matrix and linear solver.
         stick: The stick predictor, eq. (14).
         slip: The slip corrector, eq. (15).
         projection: The natural map.
@@ -129,13 +131,14 @@ class ContactSystem:
             stiffness,
             self._further_equations(blocks[1:], stiffness),
             self.terms,
-            _weakly(self),
+            _weakly(self, lambda there: there.assemble_momentum()),
+            _weakly(self, lambda there: [there.assemble_momentum(), *there.assemble_others()]),
         )
         if _share_nodes(self.contacts, self.comm):
             options = {**REDUNDANT, **(options or {})}
         forms = [*blocks, *(_place(k) for k in self.contacts)]
         arguments = (prefix, options, self._entity_maps, self.scales, self.terms)
-        newton = Newton(forms, self.state, self.bcs, *arguments)
+        self.newton = newton = Newton(forms, self.state, self.bcs, *arguments)
         eps, xi, sign = self._eps, self._xi, self._ramp_sign  # not self: no reference cycle
         self.stick = Substep("stick", prefix, newton, lambda k: k.rows.stick(eps))
         self.slip = Substep("slip", prefix, newton, lambda k: k.rows.slip(eps, xi, sign))
@@ -214,7 +217,7 @@ class ContactSystem:
     def certify(self) -> Certificate:
         """Certify the current values of the unknowns as a solution of the increment."""
         certificate = self._certify()
-        if not certificate.excess <= 1.0 and certificate.unbalanced < NOISY:
+        if not certificate.excess <= 1.0:
             self.scales.find_noise()
             certificate = self._certify()
         return certificate
@@ -288,7 +291,7 @@ class ContactSystem:
         """Return the equations beside the momentum balance; collective."""
         stiffest = self.comm.allreduce(float(np.max(abs(stiffness), initial=0.0)), MPI.MAX)
         return [
-            FurtherEquation(block, unknown, self.u, stiffest, self.bcs, self._entity_maps)
+            FurtherEquation(block, unknown, self.unknowns, stiffest, self.bcs, self._entity_maps)
             for block, unknown in zip(blocks, self.unknowns[1:], strict=True)
         ]
 
@@ -344,10 +347,10 @@ def _share_nodes(contacts: Sequence[Contact], comm: MPI.Intracomm) -> bool:
     return bool(comm.allreduce(len(np.unique(nodes)) < len(nodes), MPI.LOR))
 
 
-def _weakly(problem: ContactSystem) -> Callable[[], np.ndarray]:
-    """Return what assembles the momentum balance, without a reference cycle, see ``Callbacks``."""
-    there = weakref.ref(problem)
-    return lambda: there().assemble_momentum()  # type: ignore[union-attr]
+def _weakly(system: ContactSystem, work: Callable[[ContactSystem], T]) -> Callable[[], T]:
+    """Return work on a system, without a reference cycle, see ``Callbacks``."""
+    there = weakref.ref(system)
+    return lambda: work(there())  # type: ignore[arg-type]
 
 
 def assemble_owned(form: fem.Form) -> np.ndarray:
