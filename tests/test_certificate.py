@@ -38,7 +38,8 @@ def scales(**options) -> Scales:
     """One body under a force of 1 N and its contact, whose largest traction is that of solved()."""
     sizes = {"largest": [1.0, np.hypot(4.0, 2.0)], "before": [0.0] * 2, "hidden": [0.0] * 2}
     sizes |= {"given": [0.0] * 2, "length": [0.0] * 2} | options
-    return Scales(**{name: np.array(values) for name, values in sizes.items()})
+    values = {name: np.array(entries) for name, entries in sizes.items()}
+    return Scales(**values, noise=0.0 * values["largest"], lenient=values["largest"] < 0.0)
 
 
 def certificate(state: NodalState, *, equilibrium=0.0, sizes=None, **options):
@@ -119,7 +120,7 @@ def test_each_body_is_measured_by_its_own_forces():
     state, group = solved(), [Groups(np.array([0, 0, 1]), 2)]
     options = {"surfaces": group, "boundary": 0.0, "pushed": 0.0, "tolerance": 1e-9}
     largest = np.array([1e12, 1.0, 1e12, 4.5])
-    sizes = Scales(largest, *(np.zeros(4) for _ in range(4)))
+    sizes = Scales(largest, *(np.zeros(4) for _ in range(5)), np.zeros(4, dtype=bool))
     for unbalanced, good in (([1e2, 1e-10], True), ([1e2, 1e-8], False), ([1e4, 0.0], False)):
         result = certify(
             MPI.COMM_SELF,

@@ -89,7 +89,8 @@ class FurtherEquation:
 
     def begin(self) -> None:
         """Keep the flows at the start of a step, under its new loads."""
-        self._before, self.noise = self._flows(), np.zeros(self.number)
+        self._before: Array = self._flows()
+        self.noise: Array = np.zeros(self.number)
 
     def find_noise(self, errors: Array) -> None:
         """Take the rounding errors of the rows of this state, until the next step begins."""
