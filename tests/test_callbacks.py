@@ -188,6 +188,7 @@ def test_an_audit_that_is_interrupted_forgets_what_it_added(model, monkeypatch):
     model.load(0.5, 0.5)
     model.problem.solve()
     audit, calls = ff.EnergyAudit(model.problem, model.stored, model.loads), []
+    audit._step -= 1  # as if the last step had come after
     stepper = ff.LoadStepper(
         model.problem, lambda t: model.load(t, t), end=1.0, step=1.0, audit=audit
     )

@@ -269,6 +269,11 @@ class Contact:
 
     # -- from step to step -----------------------------------------------------------------------
 
+    def anchor(self) -> None:
+        """Begin an increment at the last accepted displacement; collective."""
+        if self._bound:
+            self.pairing.anchor()
+
     def commit(self) -> None:
         """Keep the accepted step and add the slip of nodes in contact to the path; collective."""
         n, side = self.surface.num_owned, self.pairing.side

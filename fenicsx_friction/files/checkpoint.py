@@ -95,7 +95,7 @@ def read_checkpoint(
         motion.restore(position)
     problem.num_steps, problem.dt.value = num_steps, dt
     for k in problem.contacts:
-        k.pairing.anchor()
+        k.anchor()
     return dict(scalars)
 
 

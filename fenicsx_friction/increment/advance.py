@@ -41,7 +41,7 @@ def advance(system: ContactSystem) -> StepReport:
 def _advance(system: ContactSystem) -> StepReport:
     """Try the ways to solve an increment, commit the first certified solution."""
     for k in system.contacts:
-        k.pairing.anchor()
+        k.anchor()
         k.choose_frames()
     changed = [*system.state, *(f for k in system.contacts for f in (k.hint, k.free))]
     start = snapshot.save(changed)
@@ -58,7 +58,7 @@ def _advance(system: ContactSystem) -> StepReport:
         if attempt is not None:
             for k in system.contacts:
                 if substeps:  # an attempt before has changed the pairs
-                    k.pairing.anchor()
+                    k.anchor()
                 k.close_touching()
             with _scaled(system, attempt.r_factor):
                 substeps += correct(system, attempt, forces)

@@ -145,12 +145,12 @@ class RigidPairing(Pairing):
         return self.side.owned(values)[:, None]
 
     def rounding(self) -> Array:
-        """Return what coordinates round to, and how far the obstacle has carried its points."""
-        motion, lengths = self.obstacle.motion, self.obstacle.rounding(self)
-        if motion is None:
-            return lengths
-        old = self.side.surface.x[:, : self.side.d] + self.side.owned(self.side.u_old.x.array)
-        return np.asarray(lengths + np.linalg.norm(motion.carried(old) - old, axis=1))
+        """Return what gaps round to.
+
+        Slips round to the motion of a step: where it is large, a node slides, and only the
+        direction matters, or it moves along, and displacements count anyway.
+        """
+        return self.obstacle.rounding(self)
 
     def crossed(self, closed: Mask) -> Mask:
         """Tell which open nodes have passed right through the obstacle; collective."""

@@ -336,9 +336,9 @@ def _moment(x: np.ndarray, forces: np.ndarray) -> np.ndarray:
 
 def _place(contact: Contact) -> ufl.Form:
     """Return a form that holds the place of the rows of contact, which no form assembles."""
-    nothing = fem.Constant(contact.surface.submesh, default_scalar_type(0.0))
+    nothing = fem.Constant(contact.surface.mesh, default_scalar_type(0.0))
     q = ufl.TestFunction(contact.surface.Q)
-    return nothing * ufl.inner(contact.c, q) * ufl.dx(contact.surface.submesh)
+    return nothing * ufl.inner(contact.c, q) * contact.surface.measure()
 
 
 def _share_nodes(contacts: Sequence[Contact], comm: MPI.Intracomm) -> bool:
