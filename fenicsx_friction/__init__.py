@@ -25,9 +25,10 @@ from .loading.stepper import LoadStepper, StepperFailed
 from .obstacles.adjust import close_initial_gaps
 from .obstacles.deformable import DeformableObstacle
 from .obstacles.motion import RigidMotion
-from .obstacles.rigid import ImplicitObstacle, RigidObstacle, RigidPlane
+from .obstacles.rigid import RigidObstacle
 from .obstacles.round import RigidCylinder, RigidSphere
 from .obstacles.search import SearchPolicy
+from .obstacles.shapes import ImplicitObstacle, RigidPlane
 from .problem import FrictionalContactProblem
 from .surfaces.surface import ContactSurface
 from .system.report import ContactReport, StepReport, SubstepReport

@@ -11,7 +11,7 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from fenicsx_friction.obstacles.kinematics import Kinematics
-from fenicsx_friction.obstacles.rigid import _Place
+from fenicsx_friction.obstacles.shapes import _Place
 from rectangles import AXIS, turned
 
 

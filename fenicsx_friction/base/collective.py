@@ -99,3 +99,10 @@ def gather_rows(comm: MPI.Intracomm, rows: npt.NDArray, counts: npt.NDArray) -> 
     sizes = [int(count) * int(np.prod(shape)) for count in counts]
     comm.Allgatherv(np.ascontiguousarray(rows), (found, sizes))
     return found
+
+
+def largest_of_ranks(comm: MPI.Intracomm, values: npt.NDArray) -> npt.NDArray:
+    """Return the largest values of all ranks; what is not a number is infinite; collective."""
+    values = np.nan_to_num(values, nan=np.inf, posinf=np.inf)
+    comm.Allreduce(MPI.IN_PLACE, values, op=MPI.MAX)
+    return values

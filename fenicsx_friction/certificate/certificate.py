@@ -7,15 +7,15 @@ through its limit, the projection is written anew.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
 
 from .groups import Array, Groups
-from .nodal_state import UNLIMITED, NodalState
+from .nodal_state import NodalState
 from .scales import Scales, coarsest
+from .violations import NODAL, unphysical_part, worst_of_ranks
 
 #: More rounding than this, relative, belongs to displacements out of bounds.
 DROWNED = 1e-2
@@ -112,20 +112,6 @@ class Certificate:
         return entries | {"relative": self.relative, "certified": self.certified}
 
 
-#: Rows of :func:`_violations`, by the names of the certificate, and three lengths (m).
-NODAL = (
-    "normal_map",
-    "tangential_map",
-    "penetration",
-    "tension",
-    "complementarity",
-    "cone",
-    "alignment",
-    "negative_limit",
-    "negative_dissipation",
-)
-
-
 def certify(
     comm: MPI.Intracomm,
     states: Sequence[NodalState],
@@ -137,7 +123,7 @@ def certify(
     pushed: float,
     tolerance: float,
 ) -> Certificate:
-    """Certify a state; collective.
+    """Certify a state; return the certificate, equal on all ranks; collective.
 
     Args:
         comm: Communicator of the mesh.
@@ -150,33 +136,19 @@ def certify(
         boundary: Relative distance from prescribed values, equal on all ranks.
         pushed: How far conditions push held nodes into an obstacle (m), equal on all ranks.
         tolerance: Relative tolerance.
-
-    Returns:
-        The certificate, equal on all ranks.
     """
-    found = [_by_body(_violations(s), g) for s, g in zip(states, surfaces, strict=True)]
-    worst = np.concatenate(found, axis=1)
-    # NaN may pass for the smaller number in MAX; infinity does not.
-    worst[~np.isfinite(worst)] = np.inf
-    comm.Allreduce(MPI.IN_PLACE, worst, op=MPI.MAX)
+    worst = worst_of_ranks(comm, states, surfaces)
     values = dict(zip(NODAL, worst, strict=False))
-    largest: dict[str, Any] = {
-        name: np.max(row, initial=0.0).item() for name, row in values.items()
-    }
-    number = worst.shape[1]
-    bodies = number // max(len(states), 1)
-    contacts = slice(bodies, bodies + number)
+    bodies = worst.shape[1] // max(len(states), 1)
+    contacts = slice(bodies, bodies + worst.shape[1])
     maps = np.maximum(values["normal_map"], values["tangential_map"])
-    slip, elastic, distance = worst[len(NODAL) :]
+    largest: dict[str, Any] = {n: float(np.max(row, initial=0.0)) for n, row in values.items()}
     residual, apart = (
-        np.insert(a, bodies, b) for a, b in zip(unbalanced, (maps, distance), strict=True)
+        np.insert(a, bodies, b) for a, b in zip(unbalanced, (maps, worst[-1]), strict=True)
     )
     relative = scales.relative(residual, apart, tolerance)
     loud = ~scales.quiet(tolerance)[contacts]
-    tractions = scales.largest[contacts]
-    negative = _worst(values["negative_limit"][loud], tractions[loud])
-    power = (tractions * (slip + elastic))[loud]
-    unphysical = max(negative, _worst(values["negative_dissipation"][loud], power))
+    unphysical = unphysical_part(worst, scales.largest[contacts], loud)
     resolution = scales.resolution(residual, tolerance)
     below = (relative <= np.maximum(resolution, tolerance)) & (resolution <= DROWNED)
     excess = np.append(scales.excess(residual, apart, tolerance), unphysical / tolerance)
@@ -191,45 +163,8 @@ def certify(
         resolution=float(np.max(resolution, initial=0.0)),
         drowned=bool(np.any((resolution > coarsest(tolerance)) & below)),
         excess=float(np.max(excess)),
-        traction_scale=float(np.max(tractions, initial=0.0)),
+        traction_scale=float(np.max(scales.largest[contacts], initial=0.0)),
         force_scale=float(np.max(scales.largest[:bodies], initial=0.0)),
         tolerance=tolerance,
         certifiable=all(state.own_map is None for state in states),
     )
-
-
-def _violations(state: NodalState) -> Array:
-    """Return how far each node is from each condition, then slip, elastic length and map (m)."""
-    c_n, c_t = state.c[:, 0], np.linalg.norm(state.c[:, 1:], axis=1)
-    slip, part = np.linalg.norm(state.slip, axis=1), state.takes_part
-    power = np.einsum("ij,ij->i", state.c[:, 1:], state.slip)
-    # A limit beyond any traction has no power to compare with.
-    alignment = np.where(state.limit < UNLIMITED, state.limit * slip + power, 0.0)
-    normal, tangential = state.natural_map()
-    rows = [
-        normal,
-        tangential,
-        -state.gap,
-        -c_n * part,
-        abs(c_n * state.gap) * part,
-        (c_t - state.limit) * part,
-        abs(alignment) * part,
-        -state.limit * part,
-        power * part,
-        slip * part,
-        np.hypot(c_n, c_t) / state.r,
-        np.maximum(normal, tangential) / state.r,
-    ]
-    return np.stack(rows)
-
-
-def _by_body(rows: Array, group: Groups) -> Array:
-    """Return the largest of each row, body by body, at least zero."""
-    return np.stack([group.largest(np.maximum(row, 0.0)) for row in rows])
-
-
-def _worst(values: Array, scales: Array) -> float:
-    """Return the largest ratio; a value without a scale (no load at all) counts itself."""
-    known = (scales > 0.0) & np.isfinite(scales)
-    ratio = np.divide(values, scales, out=values.copy(), where=known)
-    return float(np.max(ratio, initial=0.0))

@@ -8,7 +8,6 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from ..base.collective import any_rank
 from ..base.domains import not_finite
 from ..base.errors import ContactInputError
 from ..base.validators import instance, number
@@ -22,8 +21,6 @@ from ..surfaces.surface import ContactSurface
 from .law_rows import LawRows
 from .prescribed import Prescribed, touch
 
-#: A node with slip rows this fraction outside the cone is at a false root.
-FALSE_ROOT = 1e-6
 #: The scale is that of the primary surface from this ratio on.
 MUCH_SOFTER = 0.1
 
@@ -148,8 +145,7 @@ class Contact:
 
         The first matrix of Newton would be singular where contact alone holds a body.
         """
-        n, near = self.surface.num_owned, touch(self.pairing)
-        c = self.multipliers()
+        n, near, c = self.surface.num_owned, touch(self.pairing), self.multipliers()
         touching = (c[:, 0] == 0.0) & (abs(self.pairing.gaps()) < near)
         touching &= self.pairing.side.nodal(self.free)[:, 0] > 0.5
         c[touching, 0] = 2.0 * self.r.x.array[:n][touching] * near[touching]
@@ -217,6 +213,10 @@ class Contact:
         """Return the traction vectors on the body in global axes (Pa); collective."""
         return np.einsum("nk,nkd->nd", self.multipliers(), self.pairing.frames())
 
+    def limit_at_multiplier(self) -> Array:
+        """Return the friction limits at the multiplier ``c_n`` (Pa); collective."""
+        return self._values()[:, -2]
+
     def distance(self) -> Array:
         """Return how far each node has moved (m)."""
         return np.asarray(np.linalg.norm(self.pairing.side.owned(self._u.x.array), axis=1))
@@ -229,43 +229,6 @@ class Contact:
         """Return the entries of ``rows.nodal``; collective."""
         self.pairing.update()
         return self._nodal.values()
-
-    # -- the slip corrector of the paper ---------------------------------------------------------
-
-    def freeze_stick(self, *, violated_only: bool = True) -> int:
-        """Freeze the stick traction for the slip rows and choose the nodes that get them.
-
-        Args:
-            violated_only: Choose the nodes whose stick traction leaves the cone, or else all nodes
-                in contact (without a stick traction eq. (12) would be 0/0).
-
-        Returns:
-            How many owned nodes were chosen.
-        """
-        n, state = self.surface.num_owned, self.present()
-        traction = np.linalg.norm(state.c[:, 1:], axis=1)
-        chosen = (traction > 0.0) & (state.c[:, 0] >= state.r * state.gap)
-        if violated_only:
-            chosen &= traction > state.limit
-        self.c_stick.x.array[:] = self.c.x.array
-        self.slipping.x.array[:n] = chosen
-        # The elastic displacement under the stick force: a slip length free of units.
-        self.slip_scale.x.array[:n] = np.where(chosen, traction / state.r, 1.0)
-        self.slipping.x.scatter_forward()
-        self.slip_scale.x.scatter_forward()
-        return int(np.sum(chosen))
-
-    def has_false_root(self) -> bool:
-        """Tell whether a node with slip rows is outside the cone; collective.
-
-        ``c_t |w| + mu c_n w = 0`` holds at ``w = 0`` for any traction.
-        """
-        n = self.surface.num_owned
-        traction = np.linalg.norm(self.present().c[:, 1:], axis=1)
-        slack = FALSE_ROOT * np.max(traction, initial=0.0)
-        outside = traction > self._values()[:, -2] * (1.0 + FALSE_ROOT) + slack
-        found = np.any(outside & (self.slipping.x.array[:n] > 0.5))
-        return any_rank(self.surface.mesh.comm, bool(found))
 
     # -- from step to step -----------------------------------------------------------------------
 

@@ -3,11 +3,12 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
 
 import numpy as np
+from dolfinx import fem
 
 from ..base.errors import ContactInputError, StepFailed
 from ..contact.checks import check_normals
@@ -40,6 +41,52 @@ def advance(system: ContactSystem) -> StepReport:
 
 def _advance(system: ContactSystem) -> StepReport:
     """Try the ways to solve an increment, commit the first certified solution."""
+    changed, start, forces = _begin(system)
+    substeps: list[SubstepReport] = []
+    failed: _Failed | None = None
+    fallbacks = FALLBACKS[: system.settings.fallbacks]
+    for attempt in (None, Attempt(system.settings.corrector), *fallbacks):
+        snapshot.restore(changed, start)
+        if attempt is not None:
+            substeps += _solve(system, attempt, forces, again=bool(substeps))
+        elif not system.projection.is_solved(newton_tolerance(system)):
+            continue  # else the loads did not change and the state is its own solution
+        report, crossed = _judge(system, substeps)
+        if report.certificate.solved:
+            system.commit()
+            return report
+        if failed is None or _far(report) < _far(failed.report):
+            failed = _Failed(report, crossed, snapshot.ProblemSnapshot(system))
+        if crossed or report.certificate.drowned:
+            break  # another way to solve the step would not fare better
+    assert failed is not None
+    report = replace(failed.report, substeps=tuple(substeps))
+    failed.state.restore()
+    if system.settings.raise_on_uncertified:
+        raise StepFailed("\n".join([explain(system, report), *failed.crossed]), report)
+    return report
+
+
+@dataclass(frozen=True)
+class _Failed:
+    """An attempt that found no solution: its report, nodes that went through, the state."""
+
+    report: StepReport
+    crossed: list[str]
+    state: snapshot.ProblemSnapshot
+
+
+def _far(report: StepReport) -> float:
+    """Return how far a state is from a solution, relative."""
+    return float(np.nan_to_num(report.certificate.relative, nan=np.inf))
+
+
+def _begin(system: ContactSystem) -> tuple[list[fem.Function], snapshot.Snapshot, float]:
+    """Pair nodes, choose frames, measure forces and check loads at the start of a step.
+
+    Returns:
+        What attempts change, its values, and the forces (2-norm, N).
+    """
     for k in system.contacts:
         k.anchor()
         k.choose_frames()
@@ -49,48 +96,36 @@ def _advance(system: ContactSystem) -> StepReport:
     unbalanced = system.projection.unbalanced()
     _check(system, unbalanced)
     system.scales.begin()
-    forces = max(unbalanced, _contact_forces(system))
-    substeps: list[SubstepReport] = []
-    nearest, failed = np.inf, None
-    fallbacks = FALLBACKS[: system.settings.fallbacks]
-    for attempt in (None, Attempt(system.settings.corrector), *fallbacks):
-        snapshot.restore(changed, start)
-        if attempt is not None:
-            for k in system.contacts:
-                if substeps:  # an attempt before has changed the pairs
-                    k.anchor()
-                k.close_touching()
-            with _scaled(system, attempt.r_factor):
-                substeps += correct(system, attempt, forces)
-                if substeps[-1].converged:
-                    substeps += _settle(system, attempt)
-        elif not system.projection.is_solved(newton_tolerance(system)):
-            continue  # else the loads did not change and the state is its own solution
-        certificate = system.certify()
-        crossed = crossed_nodes(system) if certificate.solved else []
-        certificate = replace(certificate, crossed=len(crossed))
-        report = StepReport(
-            system.num_steps + 1,
-            system.settings.corrector,
-            tuple(substeps),
-            system.contact_reports(),
-            certificate,
-        )
-        if certificate.solved:
-            system.commit()
-            return report
-        far = np.nan_to_num(certificate.relative, nan=np.inf)
-        if failed is None or far < nearest:
-            nearest, failed = far, (report, crossed, snapshot.ProblemSnapshot(system))
-        if crossed or certificate.drowned:
-            break  # another way to solve the step would not fare better
-    assert failed is not None
-    report, crossed, there = failed
-    report = replace(report, substeps=tuple(substeps))
-    there.restore()
-    if system.settings.raise_on_uncertified:
-        raise StepFailed("\n".join([explain(system, report), *crossed]), report)
-    return report
+    return changed, start, max(unbalanced, _contact_forces(system))
+
+
+def _solve(
+    system: ContactSystem, attempt: Attempt, forces: float, *, again: bool
+) -> list[SubstepReport]:
+    """Solve in one way, follow what the nodes meet; ``again`` after another attempt."""
+    for k in system.contacts:
+        if again:  # an attempt before has changed the pairs
+            k.anchor()
+        k.close_touching()
+    with _scaled(system, attempt.r_factor):
+        substeps = correct(system, attempt, forces)
+        if substeps[-1].converged:
+            substeps += _settle(system, attempt)
+    return substeps
+
+
+def _judge(system: ContactSystem, substeps: list[SubstepReport]) -> tuple[StepReport, list[str]]:
+    """Certify a state; name the nodes that went through an obstacle on the way to it."""
+    certificate = system.certify()
+    crossed = crossed_nodes(system) if certificate.solved else []
+    report = StepReport(
+        system.num_steps + 1,
+        system.settings.corrector,
+        tuple(substeps),
+        system.contact_reports(),
+        replace(certificate, crossed=len(crossed)),
+    )
+    return report, crossed
 
 
 def _check(system: ContactSystem, unbalanced: float) -> None:

@@ -7,6 +7,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from ..contact.slip_corrector import freeze_stick, has_false_root
 from ..system.report import SubstepReport
 from ..system.system import ContactSystem
 from . import snapshot
@@ -99,7 +100,7 @@ def _ramp(system: ContactSystem, attempt: Attempt, eps: float) -> list[SubstepRe
     """Ramp ``xi`` of eq. (12) from 1 to 0, finer where a stage fails or leaves the cone."""
     reports: list[SubstepReport] = []
     violated_only = system.settings.ramp_nodes == "violated"
-    chosen = sum(k.freeze_stick(violated_only=violated_only) for k in system.contacts)
+    chosen = sum(freeze_stick(k, violated_only=violated_only) for k in system.contacts)
     if system.comm.allreduce(chosen, MPI.SUM) == 0:
         return reports
     accepted = snapshot.save(system.state)
@@ -113,7 +114,7 @@ def _ramp(system: ContactSystem, attempt: Attempt, eps: float) -> list[SubstepRe
             line_search=attempt.line_search,
             max_it=attempt.max_it,
         )
-        good = report.converged and not any([k.has_false_root() for k in system.contacts])
+        good = report.converged and not any([has_false_root(k) for k in system.contacts])
         reports.append(replace(report, accepted=good))
         if good:
             accepted, last = snapshot.save(system.state), xi

@@ -13,13 +13,14 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..base.collective import any_rank
-from ..surfaces.face_cells import Array, normals, project, shape_matrix
+from ..surfaces.face_cells import Array, normals, project
 from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
 from .crossing import Motion, find_crossed
+from .face_pairs import FacePairs
 from .obstacle import Mask, Pairing, View
 from .pair_kernel import PairGeometry, PairKernel
-from .search import TIE, Pairs, SearchPolicy, find_pairs, nearest_faces
+from .search import TIE, Pairs, SearchPolicy, nearest_faces
 from .side import Side
 
 #: Ratio of face sizes from which the secondary surface should be the primary one.
@@ -40,23 +41,20 @@ class NodeToFace(Pairing):
         side: The secondary side.
 
     Attributes:
-        pairs: The face of each owned node of the secondary surface.
         faces: The faces of the primary surface on all ranks.
     """
 
     deformable = True
-    #: What :meth:`save` keeps, beside the faces met: arrays that are replaced, never changed.
-    _STATE = ("pairs", "_start", "_old_face", "_old_weights", "version")
 
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
         super().__init__(side)
-        self.primary, self.policy, self.version, self._last_version = primary, policy, 0, 0
+        self.primary, self.policy = primary, policy
         self.faces, self._secondary = FaceSet(primary, side.u), FaceSet(side.surface, side.u)
         self._warn_of_coarse_nodes()
         n = side.surface.num_owned
         self._kernel = PairKernel(side.surface.mesh.comm, self.faces.cell, side.d, n)
         self._inputs_before: tuple[Array, ...] | None = None
-        self.anchor()
+        self._history = FacePairs(self.faces, self._secondary, policy, side)
 
     def _warn_of_coarse_nodes(self) -> None:
         """Warn where the secondary surface should be the primary one."""
@@ -117,7 +115,7 @@ class NodeToFace(Pairing):
 
     def nodes(self) -> npt.NDArray[np.int64]:
         """Return the primary nodes of each pair: of its face, then of its old face."""
-        return np.hstack([self.faces.faces[self.pairs.face], self.faces.faces[self._old_face]])
+        return self._history.nodes()
 
     def _inputs(self) -> tuple[Array, ...]:
         """Return all that the kinematics depend on; collective."""
@@ -141,7 +139,7 @@ class NodeToFace(Pairing):
         self.lost = self.pairs.paired & ~found
         xi = np.where(found[:, None], xi, start)
         z = np.concatenate([x[:, None], around], axis=1)
-        return PairGeometry(z, xi, self._old_weights, self.side.nodal(self.side.hint))
+        return PairGeometry(z, xi, self._history.old_weights, self.side.nodal(self.side.hint))
 
     def _without_face(self, alone: Mask) -> Array:
         """Return the field of nodes that meet no face: open, with a frame of their own."""
@@ -156,85 +154,38 @@ class NodeToFace(Pairing):
             parts.append(first / np.where(length > 0.0, length, 1.0))
         return np.hstack(parts)
 
-    # -- pairs -----------------------------------------------------------------------------------
+    # -- from step to step -----------------------------------------------------------------------
+
+    @property
+    def pairs(self) -> Pairs:
+        """The face of each owned node of the secondary surface."""
+        return self._history.pairs
+
+    @property
+    def version(self) -> int:  # type: ignore[override]
+        """Changes with the pairs."""
+        return self._history.version
 
     def anchor(self) -> None:
         """Pair the nodes at ``u_old`` and keep the points of the faces that they meet there."""
-        n = self._secondary.own.stop - self._secondary.own.start
-        held = self.side.c.x.array[: n * self.side.d : self.side.d] > 0.0
-        self.pairs = self._start = self._find(self.side.u_old, held)
-        self._met = [self.pairs.face]
-        self._place_old()
+        self._history.anchor()
+        self._inputs_before = None
 
     def search(self) -> bool:
         """Look again for the faces at the current displacement; collective."""
-        comm, keep = self.primary.mesh.comm, self.policy.keep
-        found = self._find(self.side.u, self.pairs.paired, self.pairs)
-        back = self._returns(found)
-        if any_rank(comm, bool(np.any(back))):
-            found = self._find(self.side.u, self.pairs.paired, self.pairs, back * keep)
-        changed = any_rank(comm, bool(np.any(found.face != self.pairs.face)))
+        changed = self._history.search()
         if changed:
-            self.pairs = found
-            self._met.append(found.face)
-            self._place_old()
+            self._inputs_before = None
         return changed
 
     def save(self) -> object:
         """Return the pairs, those of the step's start and all that follows from them."""
-        return {name: getattr(self, name) for name in self._STATE}, list(self._met)
+        return self._history.save()
 
     def restore(self, saved: Any) -> None:
         """Put the pairs back with their version, which no other pairs ever have."""
-        state, met = saved
-        vars(self).update(state)
-        self._met, self._inputs_before = list(met), None
-
-    def _returns(self, found: Pairs) -> npt.NDArray[np.bool_]:
-        """Tell which nodes would go back to a face that they have met in this step."""
-        before = np.any([found.face == face for face in self._met], axis=0)
-        return np.asarray(before & (found.face != self.pairs.face))
-
-    def _any(self, flags: npt.NDArray[np.bool_]) -> bool:
-        """Tell whether a flag is set on any rank; collective."""
-        return bool(self.primary.mesh.comm.allreduce(bool(np.any(flags)), MPI.LOR))
-
-    def _find(
-        self,
-        u: fem.Function,
-        held: npt.NDArray[np.bool_],
-        last: Pairs | None = None,
-        keep: npt.ArrayLike = 0.0,
-    ) -> Pairs:
-        """Pair this rank's nodes at a displacement; collective."""
-        x, own = self._secondary.positions(u), self._secondary.own
-        return find_pairs(
-            self.faces,
-            self.faces.positions(u),
-            x[own],
-            self._secondary.node_normals(x)[own],
-            self.policy,
-            held,
-            last,
-            keep=keep,
-        )
-
-    def _place_old(self) -> None:
-        """Find the point that each node met at ``u_old``; collective.
-
-        A node that met none there is traced back to its present face, extended. Later increments
-        of slip start from there, whatever faces the node has crossed.
-        """
-        self.version = self._last_version = self._last_version + 1
+        self._history.restore(saved)
         self._inputs_before = None
-        met = self._start.paired
-        self._old_face = np.where(met, self._start.face, self.pairs.face)
-        corners = self.faces.positions(self.side.u_old)[self.faces.faces[self._old_face]]
-        x = self._secondary.positions(self.side.u_old)[self._secondary.own]
-        xi = np.where(met[:, None], self._start.xi, self.pairs.xi)
-        projected = project(self.faces.cell, corners, x, xi)
-        xi = np.where(np.isfinite(projected), projected, xi)
-        self._old_weights = shape_matrix(self.faces.cell, xi)
 
     # -- what else is asked of an obstacle -------------------------------------------------------
 
@@ -266,7 +217,7 @@ class NodeToFace(Pairing):
                 self._secondary.node_normals(both[1])[own],
             ),
         )
-        return find_crossed(self.faces, motion, ~closed, self._start.face)
+        return find_crossed(self.faces, motion, ~closed, self._history.start.face)
 
     def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
         """Return the smallest stiffness over area (Pa/m) of the primary nodes; collective."""

@@ -15,6 +15,7 @@ from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
 from dolfinx.la import InsertMode
 
+from ..base.collective import largest_of_ranks
 from ..base.compilation import compiled
 from ..certificate.groups import Array, Groups, number_bodies
 from ..certificate.scales import DIGITS, Scales
@@ -94,7 +95,7 @@ class FurtherEquation:
 
     def find_noise(self, errors: Array) -> None:
         """Take the rounding errors of the rows of this state, until the next step begins."""
-        self.noise = self._over_ranks(self._groups.largest(errors))
+        self.noise = largest_of_ranks(self._comm, self._groups.largest(errors))
 
     def scales(self, bodies: Scales) -> Scales:
         """Measure the equation in each body.
@@ -127,13 +128,14 @@ class FurtherEquation:
             else:
                 largest = groups.largest(values)
             most = np.maximum(most, norm * largest)
-        return DIGITS * np.nan_to_num(self._over_ranks(most), posinf=0.0)
+        return DIGITS * np.nan_to_num(largest_of_ranks(self._comm, most), posinf=0.0)
 
     def _flows(self) -> Array:
         """Return the largest flow of each body."""
         vector = fem.assemble_vector(self._flow_form)
         vector.scatter_reverse(InsertMode.add)
-        return self._over_ranks(self._groups.largest(abs(vector.array[: len(self.body)])))
+        flows = self._groups.largest(abs(vector.array[: len(self.body)]))
+        return largest_of_ranks(self._comm, flows)
 
     def _derivative(self, residual: ufl.Form, by: fem.Function) -> tuple[Array, float]:
         """Return the diagonal of a derivative of the equation, if it is square, and its norm."""
@@ -152,12 +154,6 @@ class FurtherEquation:
     def _compiled(self, form: ufl.Form) -> fem.Form:
         """Compile a form."""
         return compiled(fem.form, self._comm)(form, entity_maps=self._maps)
-
-    def _over_ranks(self, values: Array) -> Array:
-        """Return the largest values of all ranks; what is not a number counts as infinite."""
-        values = np.nan_to_num(values, nan=np.inf, posinf=np.inf)
-        self._comm.Allreduce(MPI.IN_PLACE, values, op=MPI.MAX)
-        return values
 
 
 def _bodies(W: fem.FunctionSpace, V: fem.FunctionSpace, number: int) -> Groups | None:

@@ -13,13 +13,15 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from ..base.collective import largest_of_ranks
 from ..certificate.groups import Array, Groups, Labels, connected, number_bodies
 from ..certificate.scales import DIGITS, FAINT, Scales
 from ..contact.contact import Contact
-from .conditions import constrained_dofs, with_conditions
+from .conditions import with_conditions
 from .contact_terms import ContactTerms
 from .equations import FurtherEquation
 from .noise import rounding_errors
+from .row_groups import RowGroups
 
 #: Newton stops where what is left of a residual is this share of what rounding hides.
 SHARE = 0.25
@@ -50,9 +52,6 @@ class ForceScales:
         number: Number of bodies.
         surfaces: Groups the owned nodes of each contact, by body.
         contact_nodes: Number of nodes of all contacts.
-        equilibrium: The groups of the bodies and of the further equations.
-        held_rows: The owned rows of the system that are conditions.
-        row_factors: What makes a force of each owned row: a stiffness at the conditions, else one.
     """
 
     #: What :meth:`begin` and :meth:`find_noise` set: arrays that are replaced, never changed.
@@ -75,10 +74,13 @@ class ForceScales:
         self._measured: list[ForceScales | FurtherEquation] = [self, *equations]
         self.number, body = number_bodies(self._u.function_space)
         self._stiffness = abs(stiffness)
-        dofs = np.repeat(body, self._u.function_space.dofmap.index_map_bs)[: len(stiffness)]
         self._bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]
         self.surfaces = [Groups(bodies, self.number) for bodies in self._bodies]
-        self._group_rows(dofs)
+        dofs = np.repeat(body, self._u.function_space.dofmap.index_map_bs)[: len(stiffness)]
+        self._rows = RowGroups(
+            unknowns, contacts, bcs, self._stiffness, equations, dofs, self._bodies, self.number
+        )
+        self._all, self._held = self._rows.bodies, self._rows.held
         self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
         self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
         self._linked = self._link(body)
@@ -110,6 +112,21 @@ class ForceScales:
         for equation in self._equations:
             equation.begin()
 
+    @property
+    def equilibrium(self) -> npt.NDArray[np.int64]:
+        """The groups of the bodies and of the further equations."""
+        return self._rows.equilibrium
+
+    @property
+    def held_rows(self) -> npt.NDArray[np.int64]:
+        """The owned rows of the system that are conditions."""
+        return self._rows.held_rows
+
+    @property
+    def row_factors(self) -> Array:
+        """What makes a force of each owned row: a stiffness at the conditions, else one."""
+        return self._rows.row_factors
+
     def save(self) -> object:
         """Return what the start of a step left, see :meth:`begin`; not collective."""
         return [(part, {k: getattr(part, k) for k in part.AT_START}) for part in self._measured]
@@ -135,12 +152,7 @@ class ForceScales:
         Args:
             blocks: The owned rows of some first blocks of the system.
         """
-        rows = np.zeros(len(self._weights))
-        given = np.concatenate(blocks)
-        rows[: len(given)] = abs(given)
-        largest = [self._rows.largest(rows * w) for w in (self._weights, self._compliances)]
-        residual, distance = self._over_ranks(np.stack(largest))
-        return residual, distance
+        return self._rows.residuals(np.concatenate(blocks))
 
     def excess(self, rows: Array, tolerance: float) -> float:
         """Return the largest residual in units of what a relative tolerance allows.
@@ -149,8 +161,7 @@ class ForceScales:
             rows: The owned rows of the system, multiplied by the row factors.
             tolerance: Relative tolerance.
         """
-        missed = self._conditions.largest(abs(rows) / self.row_factors)
-        if np.any(self._over_ranks(missed) > MISSED * self._values):
+        if np.any(self._over_ranks(self._rows.missed(rows)) > MISSED * self._values):
             return np.inf
         found = self.residuals(rows)
         contacts = slice(self.number, self.number * (1 + len(self._contacts)))
@@ -191,44 +202,6 @@ class ForceScales:
         )
         return _joined([bodies, contacts, *(e.scales(bodies) for e in self._equations)])
 
-    def _group_rows(self, bodies: Labels) -> None:
-        """Number the groups of the rows of the system, and bring the rows to their units."""
-        fixed = [_fixed(f, self._bcs) for f in self._unknowns]
-        self._all = Groups(bodies, self.number)
-        self._held = Groups(np.where(fixed[0], bodies, -1), self.number)
-        typical = float(self._over_ranks(np.array([np.max(self._stiffness, initial=0.0)]))[0])
-        stiffness = np.where(self._stiffness > 0.0, self._stiffness, typical)
-        labels, weights = [np.where(fixed[0], -1, bodies)], [np.ones(len(bodies))]
-        compliances: list[Array] = [1.0 / stiffness]
-        first = self.number * (1 + len(self._contacts))
-        groups = first
-        for held, equation in zip(fixed[1:], self._equations, strict=True):
-            labels.append(np.where(held, -1, groups + equation.body))
-            groups += equation.number
-            weights.append(np.full(len(held), equation.unit))
-            slope = np.full(len(held), typical) if equation.linked else equation.slope
-            compliances.append(_over(weights[-1], slope))
-        d = self._u.function_space.mesh.geometry.dim
-        for i, (k, body) in enumerate(zip(self._contacts, self._bodies, strict=True)):
-            labels.append(np.repeat(self.number * (1 + i) + body, d))
-            weights.append(np.repeat(1.0 / k.nodal_area(), d))
-            compliances.append(weights[-1] / np.repeat(k.nodal_scale(), d))
-        self._rows = Groups(np.concatenate(labels), groups)
-        self.equilibrium = np.r_[: self.number, first:groups]
-        self._weights, self._compliances = np.concatenate(weights), np.concatenate(compliances)
-        conditions = np.full(len(self._weights), -1)
-        unknown = np.repeat(np.arange(len(fixed)), [len(held) for held in fixed])
-        held = np.concatenate(fixed)
-        conditions[: len(held)] = np.where(held, unknown, -1)
-        self._conditions = Groups(conditions, len(fixed))
-        self.held_rows = np.flatnonzero(held)
-        self.row_factors = np.ones(len(self._weights))
-        own = self.held_rows[self.held_rows < len(bodies)]
-        self.row_factors[own] = stiffness[own]
-        others = self.held_rows[self.held_rows >= len(bodies)]
-        factors = [e.row_factors for e in self._equations]
-        self.row_factors[others] = np.concatenate([*factors, []])[others - len(bodies)]
-
     def _link(self, body: Labels) -> Labels:
         """Number the groups of bodies that may meet each other; the group of each body."""
         links = [np.column_stack([np.arange(self.number)] * 2)]
@@ -262,23 +235,7 @@ class ForceScales:
 
     def _over_ranks(self, values: Array) -> Array:
         """Return the largest values of all ranks; what is not a number counts as infinite."""
-        values = np.nan_to_num(values, nan=np.inf, posinf=np.inf)
-        self._comm.Allreduce(MPI.IN_PLACE, values, op=MPI.MAX)
-        return values
-
-
-def _fixed(f: fem.Function, bcs: Sequence[fem.DirichletBC]) -> npt.NDArray[np.bool_]:
-    """Tell which owned dofs of a Function are under a condition."""
-    V = f.function_space
-    fixed = np.zeros(V.dofmap.index_map.size_local * V.dofmap.index_map_bs, dtype=bool)
-    dofs = constrained_dofs(V, bcs)
-    fixed[dofs[dofs < len(fixed)]] = True
-    return fixed
-
-
-def _over(values: Array, by: Array) -> Array:
-    """Divide; by nothing there is no limit."""
-    return np.divide(values, by, out=np.full(len(by), np.inf), where=by > 0.0)
+        return largest_of_ranks(self._comm, values)
 
 
 def _joined(parts: Sequence[Scales]) -> Scales:

@@ -10,10 +10,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from dolfinx.fem.petsc import assemble_matrix
 from dolfinx.la import InsertMode
 
 from ..base.collective import on_all_ranks
@@ -21,19 +19,18 @@ from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from ..base.literals import lifted
 from ..certificate.certificate import Certificate, certify
-from ..certificate.nodal_state import OPEN, SLIP, STICK, NodalState
-from ..contact.checks import check_normals
+from ..certificate.nodal_state import NodalState
 from ..contact.contact import Contact
-from ..contact.sides import check_sides
 from ..surfaces.measures import share_facet_data
-from .conditions import constrained, constrained_dofs, with_conditions
+from .conditions import constrained_dofs, with_conditions
 from .contact_terms import ContactTerms
-from .equations import FurtherEquation
 from .forces import ForceScales
 from .newton import Newton
 from .report import ContactReport, SubstepReport
+from .set_up import further_equations, place, set_up_contacts, share_nodes, stiffness_diagonal
 from .settings import StepSettings, settings_of
 from .substep import Substep
+from .totals import total
 
 #: The multipliers of a node in several contacts are redundant where it sticks: MUMPS then finds
 #: pivots that vanish, and takes one of the solutions.
@@ -113,32 +110,51 @@ class ContactSystem:
         entity_maps: Sequence[mesh.EntityMap] | None,
     ) -> None:
         """Bind the contacts and make forms, scales and substeps."""
-        surfaces = [k.surface for k in self.contacts]
+        V, surfaces = self.u.function_space, [k.surface for k in self.contacts]
         self._entity_maps = [*(entity_maps or []), *(s.entity_map for s in surfaces)]
-        blocks = [lifted(f, self.u.function_space.mesh) for f in share_facet_data(blocks)]
+        blocks = [lifted(f, V.mesh) for f in share_facet_data(blocks)]
         self.bulk = blocks[0]
-        stiffness = self._set_up_contacts()
+        stiffness = stiffness_diagonal(self.bulk, self.u, self._entity_maps)
+        displacements, normal = (self.u, self.u_old), self.settings.normal
+        set_up_contacts(self.contacts, displacements, self.dt, normal, self.bcs, stiffness)
         self._bulk_form, *self._other_forms = (
             compiled(fem.form, self.comm)(f, entity_maps=self._entity_maps) for f in blocks
         )
-        self.constrained_dofs = constrained_dofs(self.u.function_space, self.bcs)
+        self.constrained_dofs = constrained_dofs(V, self.bcs)
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
         self.terms = ContactTerms(self.contacts, self.state, self.bcs)
+        owned = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
+        diagonal = stiffness.x.array[:owned].copy()
+        arguments = (self.unknowns, self.bcs, stiffness, self._entity_maps)
         self.scales = ForceScales(
             self.unknowns,
             self.contacts,
             self.bcs,
-            stiffness,
-            self._further_equations(blocks[1:], stiffness),
+            diagonal,
+            further_equations(blocks[1:], *arguments),
             self.terms,
             _weakly(self, lambda there: there.assemble_momentum()),
             _weakly(self, lambda there: [there.assemble_momentum(), *there.assemble_others()]),
         )
-        if _share_nodes(self.contacts, self.comm):
+        self._set_up_substeps(blocks, prefix, options)
+
+    def _set_up_substeps(
+        self, blocks: list[ufl.Form], prefix: str, options: Mapping[str, object] | None
+    ) -> None:
+        """Make the substeps and what they share."""
+        if share_nodes(self.contacts, self.comm):
             options = {**REDUNDANT, **(options or {})}
-        forms = [*blocks, *(_place(k) for k in self.contacts)]
-        arguments = (prefix, options, self._entity_maps, self.scales, self.terms)
-        self.newton = newton = Newton(forms, self.state, self.bcs, *arguments)
+        forms = [*blocks, *(place(k) for k in self.contacts)]
+        self.newton = newton = Newton(
+            forms,
+            self.state,
+            self.bcs,
+            prefix,
+            options,
+            self._entity_maps,
+            self.scales,
+            self.terms,
+        )
         eps, xi, sign = self._eps, self._xi, self._ramp_sign  # not self: no reference cycle
         self.stick = Substep("stick", prefix, newton, lambda k: k.rows.stick(eps))
         self.slip = Substep("slip", prefix, newton, lambda k: k.rows.slip(eps, xi, sign))
@@ -253,25 +269,8 @@ class ContactSystem:
 
     def contact_reports(self) -> tuple[ContactReport, ...]:
         """Total the nodal values of each contact over all ranks."""
-        reports = []
-        for k, state in zip(self.contacts, self.nodal_states(), strict=True):
-            counts = np.bincount(state.states()[state.takes_part], minlength=3)
-            forces = state.area[:, None] * k.nodal_traction()
-            force, moment = forces.sum(axis=0), _moment(k.pairing.positions(), forces)
-            work = -np.einsum("i,ij,ij->", state.area, state.c[:, 1:], state.slip)
-            total = self.comm.allreduce(np.array([*counts, *force, *moment, work]), MPI.SUM)
-            reports.append(
-                ContactReport(
-                    name=k.surface.name,
-                    open=int(total[OPEN]),
-                    stick=int(total[STICK]),
-                    slip=int(total[SLIP]),
-                    force=tuple(total[3 : 3 + len(force)].tolist()),
-                    moment=tuple(total[3 + len(force) : -1].tolist()),
-                    dissipation=float(total[-1]),
-                )
-            )
-        return tuple(reports)
+        states = self.nodal_states()
+        return tuple(total(k, state) for k, state in zip(self.contacts, states, strict=True))
 
     def commit(self) -> None:
         """Make the current values the history of the next step."""
@@ -282,69 +281,6 @@ class ContactSystem:
                 motion.commit()
         self.u_old.x.array[:] = self.u.x.array
         self.num_steps += 1
-
-    # -- set-up ------------------------------------------------------------------------------
-
-    def _further_equations(
-        self, blocks: Sequence[ufl.Form], stiffness: npt.NDArray[np.floating]
-    ) -> list[FurtherEquation]:
-        """Return the equations beside the momentum balance; collective."""
-        stiffest = self.comm.allreduce(float(np.max(abs(stiffness), initial=0.0)), MPI.MAX)
-        return [
-            FurtherEquation(block, unknown, self.unknowns, stiffest, self.bcs, self._entity_maps)
-            for block, unknown in zip(blocks, self.unknowns[1:], strict=True)
-        ]
-
-    def _set_up_contacts(self) -> npt.NDArray[np.floating]:
-        """Derive kinematics, scales and prescribed directions of the contacts.
-
-        Returns:
-            The diagonal of the bulk stiffness (N/m) at the owned dofs.
-        """
-        V = self.u.function_space
-        form = compiled(fem.form, self.comm)
-        tangent = form(ufl.derivative(self.bulk, self.u), entity_maps=self._entity_maps)
-        matrix = assemble_matrix(tangent)
-        matrix.assemble()
-        diagonal, owned = fem.Function(V), matrix.getLocalSize()[0]
-        diagonal.x.array[:owned] = matrix.getDiagonal().array
-        diagonal.x.scatter_forward()
-        matrix.destroy()
-        held = constrained(V, self.bcs)
-        for k in self.contacts:
-            k.bind(self.u, self.u_old, self.dt, self.settings.normal)
-            check_normals(k)
-            check_sides(k)
-            k.set_scale(diagonal)
-        lowest = min(np.min(k.scale.x.array, initial=np.inf) for k in self.contacts)
-        if not self.comm.allreduce(lowest, MPI.MIN) > 0.0:
-            raise ContactInputError(
-                "The bulk residual has no positive stiffness at some contact node; check F, its "
-                "sign (internal minus external forces) and the initial u."
-            )
-        for k in self.contacts:
-            k.hold(held)
-        return diagonal.x.array[:owned].copy()
-
-
-def _moment(x: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """Return the moment of nodal forces about the origin; about ``z`` alone in 2D."""
-    if x.shape[1] == 2:
-        return np.array([np.sum(x[:, 0] * forces[:, 1] - x[:, 1] * forces[:, 0])])
-    return np.cross(x, forces).sum(axis=0)
-
-
-def _place(contact: Contact) -> ufl.Form:
-    """Return a form that holds the place of the rows of contact, which no form assembles."""
-    nothing = fem.Constant(contact.surface.mesh, default_scalar_type(0.0))
-    q = ufl.TestFunction(contact.surface.Q)
-    return nothing * ufl.inner(contact.c, q) * contact.surface.measure()
-
-
-def _share_nodes(contacts: Sequence[Contact], comm: MPI.Intracomm) -> bool:
-    """Tell whether a node belongs to several contacts; collective."""
-    nodes = np.concatenate([np.unique(k.parent_dofs) for k in contacts])
-    return bool(comm.allreduce(len(np.unique(nodes)) < len(nodes), MPI.LOR))
 
 
 def _weakly(system: ContactSystem, work: Callable[[ContactSystem], T]) -> Callable[[], T]:

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: MIT
+"""Which face each node meets: at the start of a step, now, and where slip starts from."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..base.collective import any_rank
+from ..surfaces.face_cells import project, shape_matrix
+from ..surfaces.faces import FaceSet
+from .search import Pairs, SearchPolicy, find_pairs
+from .side import Side
+
+
+class FacePairs:
+    """The pairs of nodes and faces within a step.
+
+    Args:
+        faces: The faces of the primary surface.
+        secondary: The secondary surface.
+        policy: How pairs are found.
+        side: The secondary side.
+
+    Attributes:
+        pairs: The face of each owned node now.
+        start: The same at the last accepted displacement.
+        old_weights: Weights of the old face's nodes in the point that was met there.
+        version: Changes with the pairs.
+    """
+
+    #: What :meth:`save` keeps, beside the faces met: arrays that are replaced, never changed.
+    _STATE = ("pairs", "start", "_old_face", "old_weights", "version")
+
+    def __init__(
+        self, faces: FaceSet, secondary: FaceSet, policy: SearchPolicy, side: Side
+    ) -> None:
+        self._faces, self._secondary, self._policy, self._side = faces, secondary, policy, side
+        self._comm, self._last_version = side.surface.mesh.comm, 0
+        self.anchor()
+
+    def nodes(self) -> npt.NDArray[np.int64]:
+        """Return the primary nodes of each pair: of its face, then of its old face."""
+        return np.hstack([self._faces.faces[self.pairs.face], self._faces.faces[self._old_face]])
+
+    def anchor(self) -> None:
+        """Pair the nodes at ``u_old`` and keep the points of the faces that they meet there."""
+        n = self._secondary.own.stop - self._secondary.own.start
+        held = self._side.c.x.array[: n * self._side.d : self._side.d] > 0.0
+        self.pairs = self.start = self._find(self._side.u_old, held)
+        self._met = [self.pairs.face]
+        self._place_old()
+
+    def search(self) -> bool:
+        """Look again for the faces at the current displacement; collective."""
+        comm, keep = self._comm, self._policy.keep
+        found = self._find(self._side.u, self.pairs.paired, self.pairs)
+        back = self._returns(found)
+        if any_rank(comm, bool(np.any(back))):
+            found = self._find(self._side.u, self.pairs.paired, self.pairs, back * keep)
+        changed = any_rank(comm, bool(np.any(found.face != self.pairs.face)))
+        if changed:
+            self.pairs = found
+            self._met.append(found.face)
+            self._place_old()
+        return changed
+
+    def save(self) -> object:
+        """Return the pairs, those of the step's start and all that follows from them."""
+        return {name: getattr(self, name) for name in self._STATE}, list(self._met)
+
+    def restore(self, saved: Any) -> None:
+        """Put the pairs back with their version, which no other pairs ever have."""
+        state, met = saved
+        vars(self).update(state)
+        self._met = list(met)
+
+    def _returns(self, found: Pairs) -> npt.NDArray[np.bool_]:
+        """Tell which nodes would go back to a face that they have met in this step."""
+        before = np.any([found.face == face for face in self._met], axis=0)
+        return np.asarray(before & (found.face != self.pairs.face))
+
+    def _find(
+        self,
+        u: fem.Function,
+        held: npt.NDArray[np.bool_],
+        last: Pairs | None = None,
+        keep: npt.ArrayLike = 0.0,
+    ) -> Pairs:
+        """Pair this rank's nodes at a displacement; collective."""
+        x, own = self._secondary.positions(u), self._secondary.own
+        return find_pairs(
+            self._faces,
+            self._faces.positions(u),
+            x[own],
+            self._secondary.node_normals(x)[own],
+            self._policy,
+            held,
+            last,
+            keep=keep,
+        )
+
+    def _place_old(self) -> None:
+        """Find the point that each node met at ``u_old``; collective.
+
+        A node that met none there is traced back to its present face, extended. Later increments
+        of slip start from there, whatever faces the node has crossed.
+        """
+        self.version = self._last_version = self._last_version + 1
+        met = self.start.paired
+        self._old_face = np.where(met, self.start.face, self.pairs.face)
+        corners = self._faces.positions(self._side.u_old)[self._faces.faces[self._old_face]]
+        x = self._secondary.positions(self._side.u_old)[self._secondary.own]
+        xi = np.where(met[:, None], self.start.xi, self.pairs.xi)
+        projected = project(self._faces.cell, corners, x, xi)
+        xi = np.where(np.isfinite(projected), projected, xi)
+        self.old_weights = shape_matrix(self._faces.cell, xi)

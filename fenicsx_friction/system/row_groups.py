@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: MIT
+"""The rows of the system in groups: of which body, contact or equation, and in which unit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..base.collective import largest_of_ranks
+from ..certificate.groups import Array, Groups, Labels
+from ..contact.contact import Contact
+from .conditions import constrained_dofs
+from .equations import FurtherEquation
+
+
+class RowGroups:
+    """Groups the owned rows of a system and brings them to the units of their groups.
+
+    The groups are the bodies (N), the bodies of each contact (Pa), and the bodies of each further
+    equation.
+
+    Args:
+        unknowns: The unknowns of the bulk, displacement first.
+        contacts: The contacts.
+        bcs: Dirichlet conditions.
+        stiffness: Diagonal of the bulk stiffness (N/m) at the owned dofs of the displacement.
+        equations: The equations beside the momentum balance.
+        bodies: Body of each owned dof of the displacement.
+        of_contacts: Body of each owned node of each contact.
+        number: Number of bodies.
+
+    Attributes:
+        bodies: Groups the owned dofs of the displacement by body.
+        held: The same for the prescribed ones.
+        equilibrium: The groups of the bodies and of the further equations.
+        held_rows: The owned rows of the system that are conditions.
+        row_factors: What makes a force of each owned row: a stiffness at the conditions, else one.
+    """
+
+    def __init__(
+        self,
+        unknowns: Sequence[fem.Function],
+        contacts: Sequence[Contact],
+        bcs: Sequence[fem.DirichletBC],
+        stiffness: Array,
+        equations: Sequence[FurtherEquation],
+        bodies: Labels,
+        of_contacts: Sequence[Labels],
+        number: int,
+    ) -> None:
+        self._comm = unknowns[0].function_space.mesh.comm
+        self._contacts, self._equations = contacts, equations
+        fixed = [_fixed(f, bcs) for f in unknowns]
+        self.bodies = Groups(bodies, number)
+        self.held = Groups(np.where(fixed[0], bodies, -1), number)
+        largest = largest_of_ranks(self._comm, np.array([np.max(stiffness, initial=0.0)]))
+        self._typical = float(largest[0])
+        self._stiffness = np.where(stiffness > 0.0, stiffness, self._typical)
+        self._group(fixed, bodies, of_contacts, number)
+        self._find_conditions(fixed)
+
+    def residuals(self, rows: Array) -> tuple[Array, Array]:
+        """Return the largest residual of each group (N or Pa), and over the stiffness (m).
+
+        Args:
+            rows: Some first owned rows of the system; collective.
+        """
+        every = np.zeros(len(self._weights))
+        every[: len(rows)] = abs(rows)
+        largest = [self._rows.largest(every * w) for w in (self._weights, self._compliances)]
+        residual, distance = largest_of_ranks(self._comm, np.stack(largest))
+        return residual, distance
+
+    def missed(self, rows: Array) -> Array:
+        """Return the largest distance of each unknown from its conditions, on this rank.
+
+        Args:
+            rows: The owned rows of the system, multiplied by the row factors.
+        """
+        return self._conditions.largest(abs(rows) / self.row_factors)
+
+    def _group(
+        self,
+        fixed: Sequence[npt.NDArray[np.bool_]],
+        bodies: Labels,
+        of_contacts: Sequence[Labels],
+        number: int,
+    ) -> None:
+        """Number the groups of the rows; what a row is in their unit, and in metres."""
+        labels, weights = [np.where(fixed[0], -1, bodies)], [np.ones(len(bodies))]
+        compliances: list[Array] = [1.0 / self._stiffness]
+        first = groups = number * (1 + len(self._contacts))
+        for held, equation in zip(fixed[1:], self._equations, strict=True):
+            labels.append(np.where(held, -1, groups + equation.body))
+            groups += equation.number
+            weights.append(np.full(len(held), equation.unit))
+            slope = np.full(len(held), self._typical) if equation.linked else equation.slope
+            compliances.append(_over(weights[-1], slope))
+        for i, (k, body) in enumerate(zip(self._contacts, of_contacts, strict=True)):
+            d = k.pairing.side.d
+            labels.append(np.repeat(number * (1 + i) + body, d))
+            weights.append(np.repeat(1.0 / k.nodal_area(), d))
+            compliances.append(weights[-1] / np.repeat(k.nodal_scale(), d))
+        self._rows = Groups(np.concatenate(labels), groups)
+        self.equilibrium = np.r_[:number, first:groups]
+        self._weights, self._compliances = np.concatenate(weights), np.concatenate(compliances)
+
+    def _find_conditions(self, fixed: Sequence[npt.NDArray[np.bool_]]) -> None:
+        """Find the rows that are conditions, and what makes forces of them."""
+        conditions = np.full(len(self._weights), -1)
+        unknown = np.repeat(np.arange(len(fixed)), [len(held) for held in fixed])
+        held = np.concatenate(fixed)
+        conditions[: len(held)] = np.where(held, unknown, -1)
+        self._conditions = Groups(conditions, len(fixed))
+        self.held_rows = np.flatnonzero(held)
+        factors = np.concatenate([self._stiffness, *(e.row_factors for e in self._equations)])
+        self.row_factors = np.ones(len(self._weights))
+        self.row_factors[: len(held)] = np.where(held, factors, 1.0)
+
+
+def _fixed(f: fem.Function, bcs: Sequence[fem.DirichletBC]) -> npt.NDArray[np.bool_]:
+    """Tell which owned dofs of a Function are under a condition."""
+    V = f.function_space
+    fixed = np.zeros(V.dofmap.index_map.size_local * V.dofmap.index_map_bs, dtype=bool)
+    dofs = constrained_dofs(V, bcs)
+    fixed[dofs[dofs < len(fixed)]] = True
+    return fixed
+
+
+def _over(values: Array, by: Array) -> Array:
+    """Divide; by nothing there is no limit."""
+    return np.divide(values, by, out=np.full(len(by), np.inf), where=by > 0.0)

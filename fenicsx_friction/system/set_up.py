@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: MIT
+"""What is made once, before the first step: stiffness, contacts, further equations."""
+
+from collections.abc import Sequence
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import default_scalar_type, fem, mesh
+from dolfinx.fem.petsc import assemble_matrix
+
+from ..base.collective import any_rank
+from ..base.compilation import compiled
+from ..base.errors import ContactInputError
+from ..contact.checks import check_normals
+from ..contact.contact import Contact
+from ..contact.sides import check_sides
+from .conditions import constrained
+from .equations import FurtherEquation
+
+
+def stiffness_diagonal(
+    bulk: ufl.Form, u: fem.Function, entity_maps: Sequence[mesh.EntityMap]
+) -> fem.Function:
+    """Return the diagonal of the bulk stiffness (N/m); collective."""
+    comm = u.function_space.mesh.comm
+    tangent = compiled(fem.form, comm)(ufl.derivative(bulk, u), entity_maps=list(entity_maps))
+    matrix = assemble_matrix(tangent)
+    matrix.assemble()
+    diagonal = fem.Function(u.function_space)
+    diagonal.x.array[: matrix.getLocalSize()[0]] = matrix.getDiagonal().array
+    diagonal.x.scatter_forward()
+    matrix.destroy()
+    return diagonal
+
+
+def set_up_contacts(
+    contacts: Sequence[Contact],
+    displacements: tuple[fem.Function, fem.Function],
+    dt: fem.Constant,
+    normal: str,
+    bcs: Sequence[fem.DirichletBC],
+    stiffness: fem.Function,
+) -> None:
+    """Pair the nodes, set scales and prescribed directions of all contacts; collective.
+
+    Args:
+        contacts: The contacts.
+        displacements: The displacement, and that of the last accepted step.
+        dt: Length of the step (s).
+        normal: Name of the normal complementarity function.
+        bcs: Dirichlet conditions.
+        stiffness: Diagonal of the bulk stiffness (N/m).
+
+    Raises:
+        ContactInputError: If a contact cannot be set up.
+    """
+    comm = stiffness.function_space.mesh.comm
+    for k in contacts:
+        k.bind(*displacements, dt, normal)
+        check_normals(k)
+        check_sides(k)
+        k.set_scale(stiffness)
+    lowest = min(np.min(k.scale.x.array, initial=np.inf) for k in contacts)
+    if not comm.allreduce(lowest, MPI.MIN) > 0.0:
+        raise ContactInputError(
+            "The bulk residual has no positive stiffness at some contact node; check F, its "
+            "sign (internal minus external forces) and the initial u."
+        )
+    held = constrained(stiffness.function_space, bcs)
+    for k in contacts:
+        k.hold(held)
+
+
+def further_equations(
+    blocks: Sequence[ufl.Form],
+    unknowns: Sequence[fem.Function],
+    bcs: Sequence[fem.DirichletBC],
+    stiffness: fem.Function,
+    entity_maps: Sequence[mesh.EntityMap],
+) -> list[FurtherEquation]:
+    """Return the equations beside the momentum balance; collective."""
+    comm = stiffness.function_space.mesh.comm
+    stiffest = comm.allreduce(float(np.max(abs(stiffness.x.array), initial=0.0)), MPI.MAX)
+    return [
+        FurtherEquation(block, unknown, unknowns, stiffest, bcs, entity_maps)
+        for block, unknown in zip(blocks, unknowns[1:], strict=True)
+    ]
+
+
+def share_nodes(contacts: Sequence[Contact], comm: MPI.Intracomm) -> bool:
+    """Tell whether a node belongs to several contacts; collective."""
+    nodes = np.concatenate([np.unique(k.parent_dofs) for k in contacts])
+    return any_rank(comm, len(np.unique(nodes)) < len(nodes))
+
+
+def place(contact: Contact) -> ufl.Form:
+    """Return a form that holds the place of the rows of contact, which no form assembles."""
+    nothing = fem.Constant(contact.surface.mesh, default_scalar_type(0.0))
+    q = ufl.TestFunction(contact.surface.Q)
+    return nothing * ufl.inner(contact.c, q) * contact.surface.measure()

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: MIT
+"""Totals of one contact: states, force, moment and dissipation."""
+
+from mpi4py import MPI
+
+import numpy as np
+
+from ..certificate.nodal_state import OPEN, SLIP, STICK, NodalState
+from ..contact.contact import Contact
+from ..obstacles.kinematics import Array
+from .report import ContactReport
+
+
+def total(contact: Contact, state: NodalState) -> ContactReport:
+    """Total the nodal values of a contact over all ranks; collective."""
+    counts = np.bincount(state.states()[state.takes_part], minlength=3)
+    forces = state.area[:, None] * contact.nodal_traction()
+    force, moment = forces.sum(axis=0), _moment(contact.pairing.positions(), forces)
+    work = -np.einsum("i,ij,ij->", state.area, state.c[:, 1:], state.slip)
+    sums = np.array([*counts, *force, *moment, work])
+    sums = contact.surface.mesh.comm.allreduce(sums, MPI.SUM)
+    return ContactReport(
+        name=contact.surface.name,
+        open=int(sums[OPEN]),
+        stick=int(sums[STICK]),
+        slip=int(sums[SLIP]),
+        force=tuple(sums[3 : 3 + len(force)].tolist()),
+        moment=tuple(sums[3 + len(force) : -1].tolist()),
+        dissipation=float(sums[-1]),
+    )
+
+
+def _moment(x: Array, forces: Array) -> Array:
+    """Return the moment of nodal forces about the origin; about ``z`` alone in 2D."""
+    if x.shape[1] == 2:
+        return np.array([np.sum(x[:, 0] * forces[:, 1] - x[:, 1] * forces[:, 0])])
+    return np.asarray(np.cross(x, forces).sum(axis=0))
