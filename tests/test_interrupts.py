@@ -24,7 +24,7 @@ def fingerprint(problem) -> str:
     for k in problem.contacts:
         functions += [f for f in vars(k).values() if isinstance(f, fem.Function)]
         digest.update(k.slip_increment.tobytes())
-        if k.obstacle.deformable:
+        if k.pairing.deformable:
             pairs = k.pairing.pairs
             digest.update(pairs.face.tobytes())
     for f in functions:

@@ -15,7 +15,7 @@ import numpy as np
 from .groups import Array, Groups
 from .nodal_state import NodalState
 from .scales import Scales, coarsest
-from .violations import NODAL, unphysical_part, worst_of_ranks
+from .violations import largest_of_nodes, natural_maps, unphysical_part, worst_of_ranks
 
 #: More rounding than this, relative, belongs to displacements out of bounds.
 DROWNED = 1e-2
@@ -129,8 +129,7 @@ def certify(
         comm: Communicator of the mesh.
         states: The nodal values of all contacts on this rank.
         surfaces: Groups the nodes of each contact by body.
-        scales: Scales of all bodies (N), then of the bodies of each contact (Pa), then of further
-            equations (N).
+        scales: Scales of all groups, see ``ForceScales``.
         unbalanced: Largest residual of each body and further equation (N), and over the stiffness
             of its own dof (m), equal on all ranks.
         boundary: Relative distance from prescribed values, equal on all ranks.
@@ -138,22 +137,17 @@ def certify(
         tolerance: Relative tolerance.
     """
     worst = worst_of_ranks(comm, states, surfaces)
-    values = dict(zip(NODAL, worst, strict=False))
-    bodies = worst.shape[1] // max(len(states), 1)
+    bodies, both = worst.shape[1] // max(len(states), 1), np.stack(unbalanced)
     contacts = slice(bodies, bodies + worst.shape[1])
-    maps = np.maximum(values["normal_map"], values["tangential_map"])
-    largest: dict[str, Any] = {n: float(np.max(row, initial=0.0)) for n, row in values.items()}
-    residual, apart = (
-        np.insert(a, bodies, b) for a, b in zip(unbalanced, (maps, worst[-1]), strict=True)
-    )
+    parts = [both[:, :bodies], natural_maps(worst), both[:, bodies:]]
+    residual, apart = np.concatenate(parts, axis=1)
     relative = scales.relative(residual, apart, tolerance)
     loud = ~scales.quiet(tolerance)[contacts]
     unphysical = unphysical_part(worst, scales.largest[contacts], loud)
     resolution = scales.resolution(residual, tolerance)
-    below = (relative <= np.maximum(resolution, tolerance)) & (resolution <= DROWNED)
     excess = np.append(scales.excess(residual, apart, tolerance), unphysical / tolerance)
     return Certificate(
-        **largest,
+        **largest_of_nodes(worst),
         equilibrium=float(np.max(unbalanced[0][:bodies], initial=0.0)),
         natural_map=float(np.max(relative[contacts], initial=0.0)),
         unbalanced=float(np.max(np.delete(relative, contacts), initial=0.0)),
@@ -161,10 +155,16 @@ def certify(
         boundary=boundary,
         pushed=pushed,
         resolution=float(np.max(resolution, initial=0.0)),
-        drowned=bool(np.any((resolution > coarsest(tolerance)) & below)),
+        drowned=_drowned(relative, resolution, tolerance),
         excess=float(np.max(excess)),
         traction_scale=float(np.max(scales.largest[contacts], initial=0.0)),
         force_scale=float(np.max(scales.largest[:bodies], initial=0.0)),
         tolerance=tolerance,
         certifiable=all(state.own_map is None for state in states),
     )
+
+
+def _drowned(relative: Array, resolution: Array, tolerance: float) -> bool:
+    """Tell whether what is left of some group is rounding, but more of it than may pass."""
+    left = relative <= np.maximum(resolution, tolerance)
+    return bool(np.any(left & (resolution > coarsest(tolerance)) & (resolution <= DROWNED)))

@@ -2,6 +2,7 @@
 """How far each node is from each condition of the law."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from mpi4py import MPI
 
@@ -40,6 +41,16 @@ def worst_of_ranks(
     worst[~np.isfinite(worst)] = np.inf
     comm.Allreduce(MPI.IN_PLACE, worst, op=MPI.MAX)
     return worst
+
+
+def largest_of_nodes(worst: Array) -> Any:
+    """Return the largest violation of all bodies by its name."""
+    return {n: float(np.max(row, initial=0.0)) for n, row in zip(NODAL, worst, strict=False)}
+
+
+def natural_maps(worst: Array) -> Array:
+    """Return the natural maps of the bodies (Pa), and over the stiffness (m)."""
+    return np.stack([np.maximum(worst[0], worst[1]), worst[-1]])
 
 
 def unphysical_part(worst: Array, tractions: Array, loud: npt.NDArray[np.bool_]) -> float:

@@ -18,7 +18,7 @@ from ..base.domains import check_terminals
 from ..base.errors import ContactInputError
 from ..base.validators import instance
 from ..problem import FrictionalContactProblem
-from ..system.system import assemble_owned
+from ..system.assembly import assemble_owned
 
 
 @dataclass(frozen=True)

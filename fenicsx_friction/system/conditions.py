@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from ..base.collective import largest_of_ranks
 from ..base.compat import bc_space_contains, unrolled_bc_dofs
 from ..base.errors import ContactInputError
 
@@ -55,3 +56,15 @@ def with_conditions(f: fem.Function, bcs: Sequence[fem.DirichletBC]) -> npt.NDAr
         if bc_space_contains(f.function_space, bc):
             bc.set(values)
     return values
+
+
+def missed_values(unknowns: Sequence[fem.Function], bcs: Sequence[fem.DirichletBC]) -> float:
+    """Return how far unknowns are from their Dirichlet values, relative; collective."""
+    worst = 0.0
+    for f in unknowns:
+        values = with_conditions(f, bcs)
+        # Not a number on one rank is infinite on all.
+        local = np.array([np.max(abs(a), initial=0.0) for a in (values - f.x.array, values)])
+        missed, largest = largest_of_ranks(f.function_space.mesh.comm, local)
+        worst = max(worst, missed / largest if 0.0 < largest < np.inf else missed)
+    return float(worst)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """What is made once, before the first step: stiffness, contacts, further equations."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from mpi4py import MPI
 
@@ -89,10 +89,17 @@ def further_equations(
     ]
 
 
-def share_nodes(contacts: Sequence[Contact], comm: MPI.Intracomm) -> bool:
-    """Tell whether a node belongs to several contacts; collective."""
+def options_for(
+    contacts: Sequence[Contact], options: Mapping[str, object] | None
+) -> dict[str, object]:
+    """Return the PETSc options, with those that nodes of several contacts need; collective.
+
+    Their multipliers are redundant where they stick: MUMPS then finds pivots that vanish, and takes
+    one of the solutions.
+    """
     nodes = np.concatenate([np.unique(k.parent_dofs) for k in contacts])
-    return any_rank(comm, len(np.unique(nodes)) < len(nodes))
+    shared = any_rank(contacts[0].surface.mesh.comm, len(np.unique(nodes)) < len(nodes))
+    return {**({"mat_mumps_icntl_24": 1} if shared else {}), **(options or {})}
 
 
 def place(contact: Contact) -> ufl.Form:

@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The system of equations: the user's bulk residual with contact rows beside it."""
 
-import weakref
 from collections.abc import Callable, Mapping, Sequence
 from itertools import zip_longest
-from typing import TypeVar
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -12,7 +10,6 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from dolfinx.la import InsertMode
 
 from ..base.collective import on_all_ranks
 from ..base.compilation import compiled
@@ -22,21 +19,16 @@ from ..certificate.certificate import Certificate, certify
 from ..certificate.nodal_state import NodalState
 from ..contact.contact import Contact
 from ..surfaces.measures import share_facet_data
-from .conditions import constrained_dofs, with_conditions
+from .assembly import assemble_owned, weakly
+from .conditions import constrained_dofs, missed_values
 from .contact_terms import ContactTerms
 from .forces import ForceScales
 from .newton import Newton
 from .report import ContactReport, SubstepReport
-from .set_up import further_equations, place, set_up_contacts, share_nodes, stiffness_diagonal
+from .set_up import further_equations, options_for, place, set_up_contacts, stiffness_diagonal
 from .settings import StepSettings, settings_of
 from .substep import Substep
 from .totals import total
-
-#: The multipliers of a node in several contacts are redundant where it sticks: MUMPS then finds
-#: pivots that vanish, and takes one of the solutions.
-REDUNDANT: dict[str, object] = {"mat_mumps_icntl_24": 1}
-
-T = TypeVar("T")
 
 
 class ContactSystem:
@@ -53,8 +45,7 @@ class ContactSystem:
         settings: How a step is solved.
 
     Attributes:
-        u: The displacement.
-        u_old: The displacement of the last accepted step.
+        u, u_old: The displacement, and that of the last accepted step.
         contacts: The contacts; ``contact.c`` are the multipliers.
         dt: Length of the step (s), ``fem.Constant``; only rate-dependent laws need it.
         num_steps: Number of accepted steps.
@@ -133,8 +124,8 @@ class ContactSystem:
             diagonal,
             further_equations(blocks[1:], *arguments),
             self.terms,
-            _weakly(self, lambda there: there.assemble_momentum()),
-            _weakly(self, lambda there: [there.assemble_momentum(), *there.assemble_others()]),
+            weakly(self, lambda there: there.assemble_momentum()),
+            weakly(self, lambda there: [there.assemble_momentum(), *there.assemble_others()]),
         )
         self._set_up_substeps(blocks, prefix, options)
 
@@ -142,19 +133,10 @@ class ContactSystem:
         self, blocks: list[ufl.Form], prefix: str, options: Mapping[str, object] | None
     ) -> None:
         """Make the substeps and what they share."""
-        if share_nodes(self.contacts, self.comm):
-            options = {**REDUNDANT, **(options or {})}
+        options = options_for(self.contacts, options)
         forms = [*blocks, *(place(k) for k in self.contacts)]
-        self.newton = newton = Newton(
-            forms,
-            self.state,
-            self.bcs,
-            prefix,
-            options,
-            self._entity_maps,
-            self.scales,
-            self.terms,
-        )
+        shared = (self._entity_maps, self.scales, self.terms)
+        self.newton = newton = Newton(forms, self.state, self.bcs, prefix, options, *shared)
         eps, xi, sign = self._eps, self._xi, self._ramp_sign  # not self: no reference cycle
         self.stick = Substep("stick", prefix, newton, lambda k: k.rows.stick(eps))
         self.slip = Substep("slip", prefix, newton, lambda k: k.rows.slip(eps, xi, sign))
@@ -186,8 +168,6 @@ class ContactSystem:
     def accepted(self, states: Sequence[NodalState]) -> None:
         for k, nodal in zip_longest(self.contacts, states):
             k.accepted = nodal
-
-    # -- what the step is made of ----------------------------------------------------------
 
     def run(
         self,
@@ -250,22 +230,10 @@ class ContactSystem:
             surfaces=self.scales.surfaces,
             scales=self.scales.scales(),
             unbalanced=(found[0][equations], found[1][equations]),
-            boundary=self._missed_boundary_values(),
+            boundary=missed_values(self.unknowns, self.bcs),
             pushed=self.comm.allreduce(pushed, MPI.MAX),
             tolerance=self.settings.tolerance,
         )
-
-    def _missed_boundary_values(self) -> float:
-        """Return how far the unknowns are from their Dirichlet values, relative."""
-        worst = 0.0
-        for f in self.unknowns:
-            values = with_conditions(f, self.bcs)
-            # Not a number on one rank is infinite on all.
-            local = [np.max(abs(a), initial=0.0) for a in (values - f.x.array, values)]
-            local = np.nan_to_num(local, nan=np.inf)
-            missed, largest = (self.comm.allreduce(float(a), MPI.MAX) for a in local)
-            worst = max(worst, missed / largest if 0.0 < largest < np.inf else missed)
-        return worst
 
     def contact_reports(self) -> tuple[ContactReport, ...]:
         """Total the nodal values of each contact over all ranks."""
@@ -281,16 +249,3 @@ class ContactSystem:
                 motion.commit()
         self.u_old.x.array[:] = self.u.x.array
         self.num_steps += 1
-
-
-def _weakly(system: ContactSystem, work: Callable[[ContactSystem], T]) -> Callable[[], T]:
-    """Return work on a system, without a reference cycle, see ``Callbacks``."""
-    there = weakref.ref(system)
-    return lambda: work(there())  # type: ignore[arg-type]
-
-
-def assemble_owned(form: fem.Form) -> np.ndarray:
-    """Assemble a linear form and return the values of the owned dofs."""
-    vector = fem.assemble_vector(form)
-    vector.scatter_reverse(InsertMode.add)
-    return np.asarray(vector.array[: vector.index_map.size_local * vector.block_size])
