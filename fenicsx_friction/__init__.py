@@ -19,9 +19,10 @@ from .laws.friction import (
 )
 from .loading.energy import EnergyAudit
 from .loading.events import Event, EventLog
+from .loading.failures import StepperFailed
 from .loading.record import FailedAttempt, StepRecord
 from .loading.relaxation import ViscousRelaxation
-from .loading.stepper import LoadStepper, StepperFailed
+from .loading.stepper import LoadStepper
 from .obstacles.adjust import close_initial_gaps
 from .obstacles.deformable import DeformableObstacle
 from .obstacles.motion import RigidMotion
