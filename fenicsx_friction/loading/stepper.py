@@ -159,7 +159,7 @@ class LoadStepper:
                 failed += (FailedAttempt(goal, step, str(failure).split(";")[0]),)
                 self._solver.go_back(self.time, last, together=True)
                 if self._size.is_smallest(step):
-                    # Relaxation is for where there is no solution nearby; an inaccurate step has one.
+                    # Relaxation finds a solution where none is near; an inaccurate step has one.
                     if self._solver.relaxation is None or isinstance(failure, Inaccurate):
                         self._give_up(failure, failed)
                     return [replace(self._relax(goal, last, failed), failed=failed)]
