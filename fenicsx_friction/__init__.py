@@ -33,7 +33,8 @@ from .problem import FrictionalContactProblem
 from .surfaces.surface import ContactSurface
 from .system.report import ContactReport, StepReport, SubstepReport
 from .system.settings import StepSettings
-from .verification.jacobian import JacobianReport, check_jacobian
+from .verification.jacobian import check_jacobian
+from .verification.jacobian_report import JacobianReport
 
 __version__ = "0.1.0"
 
