@@ -19,9 +19,10 @@ from .laws.friction import (
 )
 from .loading.energy import EnergyAudit
 from .loading.events import Event, EventLog
+from .loading.failures import StepperFailed
 from .loading.record import FailedAttempt, StepRecord
 from .loading.relaxation import ViscousRelaxation
-from .loading.stepper import LoadStepper, StepperFailed
+from .loading.stepper import LoadStepper
 from .obstacles.adjust import close_initial_gaps
 from .obstacles.deformable import DeformableObstacle
 from .obstacles.motion import RigidMotion
@@ -33,7 +34,8 @@ from .problem import FrictionalContactProblem
 from .surfaces.surface import ContactSurface
 from .system.report import ContactReport, StepReport, SubstepReport
 from .system.settings import StepSettings
-from .verification.jacobian import JacobianReport, check_jacobian
+from .verification.jacobian import check_jacobian
+from .verification.jacobian_report import JacobianReport
 
 __version__ = "0.1.0"
 

@@ -12,6 +12,8 @@ import fenicsx_friction as ff
 from fenicsx_friction.base.collective import on_all_ranks, on_first_rank
 from fenicsx_friction.increment.snapshot import ProblemSnapshot
 from fenicsx_friction.loading import stepper as stepper_module
+from fenicsx_friction.loading.failures import Inaccurate
+from fenicsx_friction.loading.step_solver import SolvedStep
 from models import raous
 
 LAST = MPI.COMM_WORLD.size - 1
@@ -202,9 +204,9 @@ def test_an_audit_that_is_interrupted_forgets_what_it_added(model, monkeypatch):
 
     monkeypatch.setattr(ff.EnergyAudit, "update", update)
     state_now = ProblemSnapshot(model.problem)
-    solved = stepper_module._Solved(1.0, 1.0, None, (state_now, state_now))
+    solved = SolvedStep(1.0, 1.0, None, (state_now, state_now))
     with pytest.raises(KeyboardInterrupt):
-        stepper._audited(solved)
+        stepper._solver.audited(solved)
     assert len(calls) == 1
     assert all(vars(audit)[name] is value for name, value in before.items())
 
@@ -255,7 +257,7 @@ def test_failures_can_be_pickled(model):
     finally:
         model.problem.settings = ff.StepSettings()
     error, cause = failure.value, failure.value.__cause__
-    inaccurate = stepper_module._Inaccurate(0.5, 0.1, error.report)
+    inaccurate = Inaccurate(0.5, 0.1, error.report)
     for original in (error, cause, inaccurate):
         for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
             copy = pickle.loads(pickle.dumps(original, protocol))

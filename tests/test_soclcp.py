@@ -12,11 +12,11 @@ import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
+from fenicsx_friction.verification.cone import project
 from fenicsx_friction.verification.soclcp import (
     ExactSolution,
     Increment,
     NoExactSolution,
-    _project,
     natural_residual,
     solve_increment,
 )
@@ -260,13 +260,13 @@ def test_smoothed_projection(dim: int) -> None:
     """Its derivative is that of its value; it tends to the projection, which splits v in x - y."""
     v = np.random.default_rng(6).normal(size=(50, dim))
     v[0, 1:] = 0.0  # equal spectral values
-    _, slope = _project(v, 0.1)
+    _, slope = project(v, 0.1)
     for j, step in enumerate(1e-6 * np.eye(dim)):
-        difference = (_project(v + step, 0.1)[0] - _project(v - step, 0.1)[0]) / 2e-6
+        difference = (project(v + step, 0.1)[0] - project(v - step, 0.1)[0]) / 2e-6
         np.testing.assert_allclose(slope[:, :, j], difference, atol=1e-8)
-    x = _project(v, 0.0)[0]
+    x = project(v, 0.0)[0]
     y = x - v
-    np.testing.assert_allclose(_project(v, 1e-9)[0], x, atol=1e-8)
+    np.testing.assert_allclose(project(v, 1e-9)[0], x, atol=1e-8)
     for part in (x, y):
         assert (np.linalg.norm(part[:, 1:], axis=1) <= part[:, 0] + 1e-12).all()
     np.testing.assert_allclose(np.sum(x * y, axis=1), 0.0, atol=1e-12)

@@ -17,7 +17,8 @@ from fenicsx_friction.increment import advance as step
 from fenicsx_friction.increment.snapshot import ProblemSnapshot
 from fenicsx_friction.loading import stepper as stepper_module
 from fenicsx_friction.loading.energy import EnergyAudit
-from fenicsx_friction.loading.stepper import LoadStepper, StepperFailed
+from fenicsx_friction.loading.failures import StepperFailed
+from fenicsx_friction.loading.stepper import LoadStepper
 from models import L_PATH, block, gathered, raous, tagged_facets
 
 

@@ -3,12 +3,9 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 from typing import NoReturn
 
-import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from rich.console import Console
 
@@ -16,68 +13,16 @@ from ..base.callbacks import check_callable
 from ..base.collective import on_all_ranks
 from ..base.errors import ContactInputError, StepFailed
 from ..base.validators import flag, instance, instances
-from ..increment.diagnosis import SMALLER_STEP
 from ..increment.snapshot import ProblemSnapshot
 from ..problem import FrictionalContactProblem
-from ..system.report import StepReport
-from .energy import EnergyAudit, EnergyBalance
+from .energy import EnergyAudit
 from .events import EventLog, find_events
+from .failures import Inaccurate, StepperFailed, explain
 from .progress import step_progress
 from .record import FailedAttempt, StepRecord
 from .relaxation import ViscousRelaxation
-from .step_size import StepSize, doubling_error
-from .watch import NodeWatch
-
-FAILURE_ADVICE = (
-    "Smaller steps did not help. Where a body snaps or loses its hold there is no solution nearby: "
-    "prescribe displacements there instead of forces, hold the body, or let it creep to its next "
-    "equilibrium by LoadStepper(relaxation=ViscousRelaxation(u)). Where nodes cycle, refine "
-    "the surface, lower mu (above about 3 there may be several solutions or none) or try "
-    'StepSettings(corrector="ramp").'
-)
-INACCURATE_ADVICE = (
-    "Tractions that jump do so in any step: allow a larger error, or a smaller smallest step."
-)
-
-
-class StepperFailed(StepFailed):
-    """No step down to the smallest was accepted; the problem is at the last accepted one.
-
-    Attributes:
-        time: Where the last accepted step ended.
-        failed: All attempts at the next one.
-    """
-
-    def __init__(
-        self, message: str, report: object, time: float, failed: tuple[FailedAttempt, ...]
-    ) -> None:
-        super().__init__(message, report)
-        self.time, self.failed = time, failed
-
-
-class _Inaccurate(StepFailed):
-    """The step-doubling error is beyond the tolerance."""
-
-    def __init__(self, error: float, tolerance: float, report: object) -> None:
-        super().__init__(
-            f"The tractions of one step and of two half steps differ by {error:.2e}, relative "
-            f"(tolerance {tolerance:.0e}).",
-            report,
-        )
-        self.error = error
-
-
-@dataclass(frozen=True)
-class _Solved:
-    """A solved step that is not handed out yet."""
-
-    time: float
-    step: float
-    report: StepReport
-    states: tuple[ProblemSnapshot, ...] = ()
-    error: float | None = None
-    failed: tuple[FailedAttempt, ...] = ()
-    relaxed: int = 0
+from .step_size import StepSize
+from .step_solver import SolvedStep, StepSolver
 
 
 class LoadStepper:
@@ -157,22 +102,17 @@ class LoadStepper:
         if update is not None:
             check_callable(update, "update")
         if audit is not None:
-            instance(audit, EnergyAudit, "audit", "an EnergyAudit of the problem")
-            if audit._problem is not problem:
-                raise ContactInputError(
-                    f"audit = {audit!r} is one of another problem; give EnergyAudit(problem, ...)."
-                )
-        self.problem, self.loads, self.time, self.end = problem, loads, float(start), float(end)
-        self._start, self._update, self._audit = self.time, update, audit
-        self._history = instances(history, fem.Function, "history", "fem.Functions")
-        self._relaxation = relaxation
+            _check_audit(audit, problem)
+        functions = instances(history, fem.Function, "history", "fem.Functions")
         if relaxation is not None:
             instance(relaxation, ViscousRelaxation, "relaxation", "a ViscousRelaxation(u)")
             relaxation.check(problem)
         flag(progress, "progress")
+        self.problem, self.time, self.end = problem, float(start), float(end)
+        self._start = self.time
+        self._solver = StepSolver(problem, loads, update, functions, audit, relaxation)
         self._log = None if events is None else EventLog(events, problem)
-        self._watch = NodeWatch(problem)
-        self._solved: list[_Solved] = []
+        self._solved: list[SolvedStep] = []
         self._console = Console()
         self._shown = progress and problem.comm.rank == 0 and self._console.is_terminal
 
@@ -182,11 +122,20 @@ class LoadStepper:
         with bar as show:
             while self._solved or not self._size.is_over(self.time):
                 if not self._solved:
-                    self._last = ProblemSnapshot(self.problem, self._history)
+                    self._last = self._solver.snapshot()
                     self._solved = self._solve(self._last)
                 record = self._accept(self._solved.pop(0))
                 show(record)
                 yield record
+
+    @property
+    def loads(self) -> Callable[[float], None]:
+        """What sets the loads of a time."""
+        return self._solver.loads
+
+    @loads.setter
+    def loads(self, loads: Callable[[float], None]) -> None:
+        self._solver.loads = loads
 
     @property
     def next_step(self) -> float:
@@ -197,9 +146,7 @@ class LoadStepper:
         """Make all steps and return their records."""
         return list(self)
 
-    # -- one step of the path ----------------------------------------------------------------
-
-    def _solve(self, last: ProblemSnapshot) -> list[_Solved]:
+    def _solve(self, last: ProblemSnapshot) -> list[SolvedStep]:
         """Try ever smaller steps; return the solved one, or its halves."""
         self._before = self.problem.accepted
         failed: tuple[FailedAttempt, ...] = ()
@@ -207,92 +154,46 @@ class LoadStepper:
             goal = self._size.goal(self.time)
             step = goal - self.time
             try:
-                solved = self._attempt(goal, last)
+                solved = self._solver.attempt(self.time, goal, last, self._size.tolerance)
             except StepFailed as failure:
                 failed += (FailedAttempt(goal, step, str(failure).split(";")[0]),)
-                self._go_back(last, together=True)
+                self._solver.go_back(self.time, last, together=True)
                 if self._size.is_smallest(step):
-                    if self._relaxation is None or isinstance(failure, _Inaccurate):
+                    # Relaxation finds a solution where none is near; an inaccurate step has one.
+                    if self._solver.relaxation is None or isinstance(failure, Inaccurate):
                         self._give_up(failure, failed)
                     return [replace(self._relax(goal, last, failed), failed=failed)]
-                self._size.cut(step, failure.error if isinstance(failure, _Inaccurate) else None)
+                self._size.cut(step, failure.error if isinstance(failure, Inaccurate) else None)
             except BaseException:
-                self._go_back(last)
+                self._solver.go_back(self.time, last)
                 raise
             else:
                 iterations = [s.report.iterations for s in solved]
                 self._size.adapt(step, iterations, solved[0].error, was_cut=bool(failed))
                 return [replace(solved[0], failed=failed), *solved[1:]]
 
-    def _attempt(self, goal: float, last: ProblemSnapshot) -> list[_Solved]:
-        """Solve the step to ``goal``; with error control in two ways, and return its halves."""
-        tolerance = self._size.tolerance
-        before = self._tractions() if tolerance else []
-        whole = self._advance(self.time, goal)
-        if tolerance is None:
-            return [whole]
-        tractions = [before, self._tractions()]
-        last.restore()
-        halves = []
-        for begin, end in pairwise((self.time, (self.time + goal) / 2.0, goal)):
-            half = self._advance(begin, end)
-            halves.append(replace(half, states=(ProblemSnapshot(self.problem, self._history),)))
-            tractions.append(self._tractions())
-        error = doubling_error(self.problem.comm, *tractions)
-        if error > tolerance:
-            raise _Inaccurate(error, tolerance, halves[-1].report)
-        return [replace(half, error=error) for half in halves]
-
-    def _advance(self, begin: float, end: float) -> _Solved:
-        """Set the loads of ``end`` and solve."""
-        problem = self.problem
-        self._apply(end)
-        problem.dt.value = np.asarray(end - begin)
-        settings = problem.settings
-        try:
-            problem.settings = replace(settings, raise_on_uncertified=True)
-            with self._watch.watching():
-                report = problem.solve()
-        finally:
-            problem.settings = settings
-        self._updated()
-        return _Solved(end, end - begin, report)
-
     def _relax(
         self, goal: float, last: ProblemSnapshot, failed: tuple[FailedAttempt, ...]
-    ) -> _Solved:
-        """Let the problem creep to its next equilibrium under the loads of the goal."""
-        assert self._relaxation is not None
-        states: list[ProblemSnapshot] = []
-
-        def accepted() -> None:
-            """Keep the increment, all of them for the audit."""
-            self._updated()
-            if self._audit is None:
-                states.clear()
-            states.append(ProblemSnapshot(self.problem, self._history))
-
+    ) -> SolvedStep:
+        """Make the step by relaxation; where that fails too, the path has."""
         try:
-            self._apply(goal)
-            self.problem.dt.value = np.asarray(goal - self.time)
-            with self._watch.watching():
-                report, increments = self._relaxation.settle(self.problem, accepted)
+            solved = self._solver.relax(self.time, goal)
         except StepFailed as error:
-            self._go_back(last, together=True)
+            self._solver.go_back(self.time, last, together=True)
             self._give_up(error, failed)
         except BaseException:
-            self._go_back(last)
+            self._solver.go_back(self.time, last)
             raise
         self._size.cut(failed[0].step)
-        return _Solved(goal, goal - self.time, report, tuple(states), relaxed=increments)
+        return solved
 
-    def _accept(self, solved: _Solved) -> StepRecord:
+    def _accept(self, solved: SolvedStep) -> StepRecord:
         """Put the problem at the end of a solved step, audit it and log its events."""
         try:
-            energy = self._audited(solved)
+            energy = self._solver.audited(solved)
         except BaseException:
             self._solved = []
-            self._go_back(self._last)
+            self._solver.go_back(self.time, self._last)
             raise
         if solved.states:
             self._last = solved.states[-1]
@@ -312,68 +213,23 @@ class LoadStepper:
             solved.relaxed,
         )
 
-    def _audited(self, solved: _Solved) -> EnergyBalance | None:
-        """Go through the increments of a solved step again, if it has several, and add them up."""
-        if solved.states:
-            self._apply(solved.time)
-        kept = None if self._audit is None else dict(vars(self._audit))
-        balances = []
-        try:
-            for state in solved.states or (None,):
-                if state is not None:
-                    state.restore()
-                if self._audit is not None:
-                    balances.append(self._audit.update())
-        except BaseException:
-            if self._audit is not None and kept is not None:
-                vars(self._audit).update(kept)
-            raise
-        return None if self._audit is None else sum(balances[1:], balances[0])
-
-    def _apply(self, time: float) -> None:
-        """Set the loads; an exception on one rank is one on all."""
-        on_all_ranks(self.problem.comm, lambda: self.loads(time))
-
-    def _updated(self) -> None:
-        """Let the user change the history; an exception on one rank is one on all."""
-        if self._update is not None:
-            on_all_ranks(self.problem.comm, self._update)
-
-    def _go_back(self, last: ProblemSnapshot, *, together: bool = False) -> None:
-        """Set everything back to the last accepted step.
-
-        Args:
-            last: That step.
-            together: Whether all ranks are here. Not so after Ctrl-C, which may have come on one
-                rank only: nothing is collective then.
-        """
-        try:
-            if together:
-                self._apply(self.time)
-            else:
-                self.loads(self.time)
-        finally:
-            last.restore()
-
     def _give_up(self, failure: StepFailed, failed: tuple[FailedAttempt, ...]) -> NoReturn:
-        """Raise the failure of the path."""
-        message = "\n".join(self._explain(failure, failed))
-        raise StepperFailed(message, failure.report, self.time, failed) from failure
-
-    def _tractions(self) -> list[npt.NDArray[np.floating]]:
-        """Return the traction vectors of this rank's nodes in global axes (Pa)."""
-        return [k.nodal_traction() for k in self.problem.contacts]
-
-    def _explain(self, failure: StepFailed, failed: Sequence[FailedAttempt]) -> list[str]:
-        """Say what was tried, what went wrong and what to do; collective."""
-        inaccurate = isinstance(failure, _Inaccurate)
-        return [
+        """Raise the failure of the path; collective."""
+        last = (
             f"No step from time {self.time:.10g} was accepted, down to {failed[-1].step:.3g} "
             f"(smallest = {self._size.smallest:.3g}). The problem is at its last accepted step, "
-            f"{self.problem.num_steps}; loads were set back.",
-            "Tried: " + "; ".join(f"step {f.step:.3g}: {f.reason}" for f in failed),
-            *([] if inaccurate else self._watch.lines()),
-            "The last attempt:",
-            *(f"  {line}" for line in str(failure).splitlines() if line != SMALLER_STEP),
-            INACCURATE_ADVICE if inaccurate else FAILURE_ADVICE,
-        ]
+            f"{self.problem.num_steps}; loads were set back."
+        )
+        # The nodes of a step that was solved, but not closely enough, do not cycle.
+        cycling = [] if isinstance(failure, Inaccurate) else self._solver.watch.lines()
+        message = explain(failure, failed, last, cycling)
+        raise StepperFailed(message, failure.report, self.time, failed) from failure
+
+
+def _check_audit(audit: EnergyAudit, problem: FrictionalContactProblem) -> None:
+    """Refuse what is no audit, or one of another problem."""
+    instance(audit, EnergyAudit, "audit", "an EnergyAudit of the problem")
+    if audit._problem is not problem:
+        raise ContactInputError(
+            f"audit = {audit!r} is one of another problem; give EnergyAudit(problem, ...)."
+        )

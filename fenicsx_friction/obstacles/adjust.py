@@ -4,6 +4,7 @@
 from mpi4py import MPI
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem, mesh
 from dolfinx.la import InsertMode
 
@@ -46,20 +47,7 @@ def close_initial_gaps(
     surface = ContactSurface(msh, facet_tags, secondary, name="secondary")
     other = ContactSurface(msh, facet_tags, primary, name="primary")
     check_surfaces(surface, other)
-    nodes, faces = FaceSet(surface, u), FaceSet(other, u)
-    x, own = nodes.X[nodes.own], nodes.own
-    pairs = find_pairs(
-        faces,
-        faces.X,
-        x,
-        nodes.node_normals(nodes.X)[own],
-        SearchPolicy(reach=reach),
-        np.zeros(len(x), dtype=bool),
-    )
-    # Into the faces: nodes on a symmetry plane stay on it.
-    xi = faces.cell.inside(pairs.xi)
-    there = blend(shape_matrix(faces.cell, xi), faces.X[faces.faces[pairs.face]])
-    way = nodes.gather(np.where(pairs.paired[:, None], there - x, 0.0))
+    way = _ways(FaceSet(surface, u), FaceSet(other, u), reach)
     dofs = surface.parent_dofs(V)
     everywhere = surface.S.dofmap.index_map.local_to_global(np.arange(len(dofs), dtype=np.int32))
     u.x.array.reshape(-1, d)[dofs] = way[everywhere]
@@ -72,6 +60,23 @@ def close_initial_gaps(
     msh.geometry.x[geometry, :d] += u.x.array.reshape(-1, d)
     longest = float(np.max(np.linalg.norm(way, axis=1), initial=0.0))
     return float(msh.comm.allreduce(longest, MPI.MAX))
+
+
+def _ways(nodes: FaceSet, faces: FaceSet, reach: float) -> npt.NDArray[np.floating]:
+    """Return the ways of the nodes of all ranks onto the faces (m), 0 beyond reach; collective."""
+    x, own = nodes.X[nodes.own], nodes.own
+    pairs = find_pairs(
+        faces,
+        faces.X,
+        x,
+        nodes.node_normals(nodes.X)[own],
+        SearchPolicy(reach=reach),
+        np.zeros(len(x), dtype=bool),
+    )
+    # Into the faces: nodes on a symmetry plane stay on it.
+    xi = faces.cell.inside(pairs.xi)
+    there = blend(shape_matrix(faces.cell, xi), faces.X[faces.faces[pairs.face]])
+    return nodes.gather(np.where(pairs.paired[:, None], there - x, 0.0))
 
 
 def _spread(values: fem.Function, known: fem.Function) -> None:
