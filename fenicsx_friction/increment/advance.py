@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""One step: try the ways to solve it, search again, certify, commit or roll back."""
+"""One step: solve it in one way or another, search again, certify, commit or roll back."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,7 +29,7 @@ def advance(system: ContactSystem) -> StepReport:
         report = _advance(system)
     except BaseException as error:
         last.restore()
-        if not isinstance(error, StepFailed):  # it may have left solvers half done
+        if not isinstance(error, StepFailed):  # solvers may be incomplete
             for substep in (system.stick, system.slip, system.projection):
                 substep.discard()
         raise
@@ -57,7 +57,7 @@ def _advance(system: ContactSystem) -> StepReport:
         snapshot.restore(changed, start)
         if attempt is not None:
             for k in system.contacts:
-                if substeps:  # an attempt before has changed the pairs
+                if substeps:  # an earlier attempt may have changed the pairs
                     k.anchor()
                 k.close_touching()
             with _scaled(system, attempt.r_factor):
@@ -65,7 +65,7 @@ def _advance(system: ContactSystem) -> StepReport:
                 if substeps[-1].converged:
                     substeps += _settle(system, attempt)
         elif not system.projection.is_solved(newton_tolerance(system)):
-            continue  # else the loads did not change and the state is its own solution
+            continue  # solved: the loads did not change, and the state is accepted as it is
         certificate = system.certify()
         crossed = crossed_nodes(system) if certificate.solved else []
         certificate = replace(certificate, crossed=len(crossed))
@@ -83,7 +83,7 @@ def _advance(system: ContactSystem) -> StepReport:
         if failed is None or far < nearest:
             nearest, failed = far, (report, crossed, snapshot.ProblemSnapshot(system))
         if crossed or certificate.drowned:
-            break  # another way to solve the step would not fare better
+            break  # no other way to solve the step would help
     assert failed is not None
     report, crossed, there = failed
     report = replace(report, substeps=tuple(substeps))
@@ -94,12 +94,12 @@ def _advance(system: ContactSystem) -> StepReport:
 
 
 def _check(system: ContactSystem, unbalanced: float) -> None:
-    """Refuse loads, boundary values and friction that are no numbers, before any solve."""
+    """Refuse loads, boundary values and friction that are not finite, before any solve."""
     for k in system.contacts:
         k.check_friction()
     if not np.isfinite(unbalanced):
         for k in system.contacts:
-            check_normals(k)  # an obstacle that has moved may have none at some node now
+            check_normals(k)  # an obstacle that has moved may have no normal at some node
         raise ContactInputError(
             f"The residual at the start of step {system.num_steps + 1} is {unbalanced}: look for "
             "NaN in loads, boundary values and material fields, and for inverted cells."
@@ -109,7 +109,7 @@ def _check(system: ContactSystem, unbalanced: float) -> None:
 def _settle(system: ContactSystem, attempt: Attempt) -> list[SubstepReport]:
     """Search again for what the nodes meet, and solve again, until nothing changes.
 
-    The certificate sees what the last search found.
+    The certificate is for the result of the last search.
     """
     reports: list[SubstepReport] = []
     for searched in range(MAX_SEARCHES):

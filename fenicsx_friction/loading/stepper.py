@@ -69,7 +69,7 @@ class _Inaccurate(StepFailed):
 
 @dataclass(frozen=True)
 class _Solved:
-    """A solved step that is not handed out yet."""
+    """A solved step that has not been yielded yet."""
 
     time: float
     step: float
@@ -83,7 +83,7 @@ class _Solved:
 class LoadStepper:
     """Takes a problem along a path of loads, step by step.
 
-    Iterating makes steps; the loop may stop and be taken up again::
+    Iteration makes the steps; a loop may stop, and another one continue::
 
         for record in LoadStepper(problem, loads, end=1.0, step=0.1):
             print(record.time, record.report.iterations)
@@ -101,7 +101,7 @@ class LoadStepper:
 
     Args:
         problem: The problem, in its state at ``start``.
-        loads: Sets loads, boundary values and motions to those of a time, a function of nothing
+        loads: Sets loads, boundary values and motions to those of a time. It must depend on nothing
             else. Time is pseudo-time unless a law depends on rates (``problem.dt``, s).
         end: Where the path ends.
         start: Where it starts.
@@ -117,15 +117,15 @@ class LoadStepper:
         update: Called after each solved step, rejected ones included, to change ``history``.
         audit: Audits each accepted step.
         events: File for the events, see :class:`~fenicsx_friction.loading.events.EventLog`.
-        relaxation: Takes the body on where the smallest step fails; the problem's residual must
-            contain its, see :class:`~fenicsx_friction.loading.relaxation.ViscousRelaxation`.
+        relaxation: Used where the smallest step fails. The problem's residual must contain its
+            residual, see :class:`~fenicsx_friction.loading.relaxation.ViscousRelaxation`.
         progress: Show the progress on a terminal.
 
     Attributes:
         time: Where the last accepted step ended.
 
     Raises:
-        ContactInputError: On all ranks, for an argument that cannot be.
+        ContactInputError: On all ranks, for an argument that is not possible.
     """
 
     def __init__(
@@ -177,7 +177,7 @@ class LoadStepper:
         self._shown = progress and problem.comm.rank == 0 and self._console.is_terminal
 
     def __iter__(self) -> Iterator[StepRecord]:
-        """Make steps up to the end and hand out their records."""
+        """Make steps up to the end and yield their records."""
         bar = step_progress(self._console, self._start, self.end, shown=self._shown)
         with bar as show:
             while self._solved or not self._size.is_over(self.time):
@@ -200,7 +200,7 @@ class LoadStepper:
     # -- one step of the path ----------------------------------------------------------------
 
     def _solve(self, last: ProblemSnapshot) -> list[_Solved]:
-        """Try ever smaller steps; return the solved one, or its halves."""
+        """Try smaller and smaller steps; return the solved one, or its halves."""
         self._before = self.problem.accepted
         failed: tuple[FailedAttempt, ...] = ()
         while True:
@@ -261,7 +261,7 @@ class LoadStepper:
     def _relax(
         self, goal: float, last: ProblemSnapshot, failed: tuple[FailedAttempt, ...]
     ) -> _Solved:
-        """Let the problem creep to its next equilibrium under the loads of the goal."""
+        """Relax the problem to its next equilibrium under the loads of the goal."""
         assert self._relaxation is not None
         states: list[ProblemSnapshot] = []
 
@@ -313,7 +313,7 @@ class LoadStepper:
         )
 
     def _audited(self, solved: _Solved) -> EnergyBalance | None:
-        """Go through the increments of a solved step again, if it has several, and add them up."""
+        """Restore the increments of a solved step in turn, if any; add up their energies."""
         if solved.states:
             self._apply(solved.time)
         kept = None if self._audit is None else dict(vars(self._audit))
@@ -344,8 +344,8 @@ class LoadStepper:
 
         Args:
             last: That step.
-            together: Whether all ranks are here. Not so after Ctrl-C, which may have come on one
-                rank only: nothing is collective then.
+            together: Whether all ranks are here. Ctrl-C may have come on one rank only: then
+                nothing may be collective.
         """
         try:
             if together:

@@ -52,10 +52,11 @@ class RigidObstacle(Obstacle):
         return self.shape(x if self.motion is None else self.motion.undo(x))
 
     def way(self, X: Expr, u: Expr, u_old: Expr) -> Expr:
-        """Return the node's way (m) from where the obstacle's point once under it is now.
+        """Return the node's way (m) in the step, relative to the obstacle.
 
-        A motion of node and obstacle together as one rigid body adds nothing to it. Coordinates,
-        which would round it, enter only where the obstacle turns.
+        It starts at the obstacle's point under the last position, where that point is now. A motion
+        of node and obstacle as one rigid body adds nothing. Coordinates would add rounding; they
+        enter only where the obstacle turns.
         """
         step = u - u_old
         return step if self.motion is None else step - self.motion.carried_along(X + u_old)
@@ -85,7 +86,7 @@ class RigidObstacle(Obstacle):
         return self
 
     def rounding(self, pairing: Pairing) -> Array:
-        """Return the lengths (m) that coordinates round to, see ``Pairing.rounding``."""
+        """Return the lengths (m) whose rounding gaps contain, see ``Pairing.rounding``."""
         x, normals = pairing.positions(), abs(pairing.normals())
         lengths = np.sum(normals * abs(x), axis=1)
         if self.motion is not None:
@@ -100,7 +101,7 @@ class RigidObstacle(Obstacle):
             pairing: The pairing; the displacement is put back if it is changed.
             start: Where local nodes were (m), carried along by the obstacle.
             end: Where they are (m).
-            open_: Owned nodes that are asked for.
+            open_: Owned nodes to be tested.
         """
         return through_anything(pairing, start, end, open_)
 
@@ -145,10 +146,11 @@ class RigidPairing(Pairing):
         return self.side.owned(values)[:, None]
 
     def rounding(self) -> Array:
-        """Return what gaps round to.
+        """Return the lengths whose rounding gaps contain.
 
-        Slips round to the motion of a step: where it is large, a node slides, and only the
-        direction matters, or it moves along, and displacements count anyway.
+        The rounding of slips needs no entry: it is that of the motion in a step. Where this motion
+        is large, either the node slides, and only the direction of the slip matters; or the node
+        moves with the obstacle, and its displacement counts anyway.
         """
         return self.obstacle.rounding(self)
 
@@ -188,7 +190,7 @@ class RigidPlane(RigidObstacle):
     place: _Place | None = field(default=None, repr=False, compare=False)
 
     def __init_subclass__(cls) -> None:
-        """Refuse subclasses: a shape of their own would not be asked for."""
+        """Refuse subclasses: a plane never calls a ``shape`` of a subclass."""
         raise ContactInputError(
             f"{cls.__name__}: a RigidPlane cannot be derived from; derive from RigidObstacle, or "
             "take an ImplicitObstacle."
@@ -207,7 +209,7 @@ class RigidPlane(RigidObstacle):
         return ufl.dot(ufl.as_vector(normal), X - ufl.as_vector([*map(float, self.point)]))
 
     def near(self, side: Side) -> RigidObstacle:
-        """Return the same plane by its point under a side, with the nodes' distances as numbers."""
+        """Return the same plane, with its point nearest to a side, and distances of nodes."""
         S, normal = side.surface.S, np.array(unit(self.normal, "The plane's normal"))
         check_dimension(len(normal), side.d, f"A plane with normal {self.normal}")
         distance = fem.Function(S, name="distance_at_start")
@@ -220,7 +222,7 @@ class RigidPlane(RigidObstacle):
         return replace(self, place=place)
 
     def gap_and_normal(self, X: Expr, u: Expr) -> tuple[Expr, Expr]:
-        """Add displacements to the distance at the start: the coordinates round nothing.
+        """Add displacements to the distance at the start, without the rounding of coordinates.
 
         A plane through ``p`` whose normal has turned from ``n`` to ``n'`` is at
         ``n . (X - p) + (n' - n) . (X - p) + n' . (u - displacement of p)``.
@@ -236,7 +238,7 @@ class RigidPlane(RigidObstacle):
         return gap, normal + turned
 
     def rounding(self, pairing: Pairing) -> Array:
-        """Return how far it has carried its point along the normal, and what it has turned."""
+        """Return how far the motion carries the plane along its normal at each node."""
         n = pairing.side.surface.num_owned
         if self.motion is None:
             return np.zeros(n)
@@ -259,10 +261,10 @@ class ImplicitObstacle(RigidObstacle):
 
     Attributes:
         distance: Function of the point ``X`` (UFL vector, m) to its signed distance from the
-            obstacle (UFL scalar, m), positive outside. Near the surface its gradient should be of
-            length one, for gaps to be lengths; only the sign and the gradient's direction matter
-            on it. Nowhere should it be far more than the distance, or a thin obstacle that nodes
-            pass through within a step may not be seen.
+            obstacle (UFL scalar, m), positive outside. On the surface, only its sign and the
+            direction of its gradient matter. Near the surface the gradient should be of length
+            one, so that gaps are lengths. If values far exceed the distance, the package may miss
+            nodes that pass through a thin obstacle within a step.
     """
 
     distance: Callable[[Expr], Expr]

@@ -35,15 +35,15 @@ from .report import ContactReport, SubstepReport
 from .settings import StepSettings, settings_of
 from .substep import Substep
 
-#: The multipliers of a node in several contacts are redundant where it sticks: MUMPS then finds
-#: pivots that vanish, and takes one of the solutions.
+#: Where a node sticks in several contacts, its multipliers are redundant: pivots vanish. With this
+#: option MUMPS takes one of the solutions.
 REDUNDANT: dict[str, object] = {"mat_mumps_icntl_24": 1}
 
 T = TypeVar("T")
 
 
 class ContactSystem:
-    """The equations of a problem: what assembles, certifies and commits; all methods collective.
+    """The equations of a problem: assembles, certifies and commits; all methods are collective.
 
     Args:
         blocks: Bulk residuals in UFL, the momentum balance first.
@@ -223,7 +223,7 @@ class ContactSystem:
         return certificate
 
     def _certify(self) -> Certificate:
-        """Certify the current values by the rounding errors that are known."""
+        """Certify the current values with the rounding errors measured so far."""
         states = self.nodal_states()
         found = self.scales.residuals(self.assemble_momentum(), *self.assemble_others())
         equations = self.scales.equilibrium
@@ -244,7 +244,7 @@ class ContactSystem:
         worst = 0.0
         for f in self.unknowns:
             values = with_conditions(f, self.bcs)
-            # Not a number on one rank is infinite on all.
+            # NaN on one rank becomes infinite on all.
             local = [np.max(abs(a), initial=0.0) for a in (values - f.x.array, values)]
             local = np.nan_to_num(local, nan=np.inf)
             missed, largest = (self.comm.allreduce(float(a), MPI.MAX) for a in local)
@@ -335,7 +335,7 @@ def _moment(x: np.ndarray, forces: np.ndarray) -> np.ndarray:
 
 
 def _place(contact: Contact) -> ufl.Form:
-    """Return a form that holds the place of the rows of contact, which no form assembles."""
+    """Return an empty form that keeps the place of the rows of contact; no form assembles them."""
     nothing = fem.Constant(contact.surface.mesh, default_scalar_type(0.0))
     q = ufl.TestFunction(contact.surface.Q)
     return nothing * ufl.inner(contact.c, q) * contact.surface.measure()
@@ -348,7 +348,7 @@ def _share_nodes(contacts: Sequence[Contact], comm: MPI.Intracomm) -> bool:
 
 
 def _weakly(system: ContactSystem, work: Callable[[ContactSystem], T]) -> Callable[[], T]:
-    """Return work on a system, without a reference cycle, see ``Callbacks``."""
+    """Return a call of work on a system, without a reference cycle, see ``Callbacks``."""
     there = weakref.ref(system)
     return lambda: work(there())  # type: ignore[arg-type]
 

@@ -23,7 +23,7 @@ Array = npt.NDArray[np.floating]
 VARIANTS = (("stick", 0.0, 0.5), ("slip", 0.3, 0.5), ("projection", 0.0, 0.0), ("projection", 0, 1))
 #: Perturbation of the displacement, relative to the size of the smallest facet.
 AMPLITUDE = 1e-2
-#: Differences that halving the step changes by more than this, relative, meet a kink.
+#: A difference that changes by more than this, relative, when the step is halved meets a kink.
 KINK = 3e-7
 #: A derivative that changes by more than this within the step, relative, jumps.
 JUMP = 1e-3
@@ -106,12 +106,12 @@ def check_jacobian(
 ) -> JacobianReport:
     """Compare the Jacobian of each substep with central differences of its residual; collective.
 
-    Twice: at the present state, and at a state near it whose contact nodes are open, sticking and
-    slipping at random. There each node is put away from the kinks: the arguments of ``max`` and
-    projection are half the perturbation or more from their switch, which is 1e4 steps. A row with a
-    kink of another origin between the differences (the cap of a limit, say, or a state that touches
-    with ``g = c_n = 0``, where ``max`` takes the derivative of one side) is found by halving the
-    step and by the jump of the derivative, left out, and counted.
+    It does so twice: at the present state, and at a state near it whose contact nodes are open,
+    sticking and slipping at random. In this mixed state each node is away from the kinks: the
+    arguments of ``max`` and projection are at least half the perturbation, about 1e4 steps, from
+    their switch. Other kinks may still lie between the differences: the cap of a limit, or a state
+    that touches with ``g = c_n = 0``, where ``max`` takes the derivative of one side. Halving the
+    step and the jump of the derivative show such rows. They are left out and counted.
 
     Args:
         problem: The problem; its state and history are the same after, bit for bit.
@@ -203,7 +203,7 @@ def _compare(
     for i, exact in enumerate(derivative(0.0)):
         forth, back, near, behind, middle = (end[i] for end in ends)
         difference, halved = (forth - back) / (2.0 * step), (near - behind) / step
-        # Of a smooth row the second differences go with the square of the step.
+        # The second differences of a smooth row are proportional to the square of the step.
         curvature = (forth + back - 2.0 * middle) - 4.0 * (near + behind - 2.0 * middle)
         change = np.maximum(abs(difference - halved), abs(curvature) / step)
         jump = np.maximum(abs(sides[0][i] - exact), abs(sides[1][i] - exact))
