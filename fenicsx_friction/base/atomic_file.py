@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Files that are replaced at once, however many write them and whenever one is killed."""
+"""Files that are replaced as a whole: safe with several writers, and when a writer is killed."""
 
 import contextlib
 import fcntl
@@ -26,7 +26,7 @@ class NoRegularFile(OSError):
 
 
 def read_regular(path: str | os.PathLike[str]) -> BinaryIO:
-    """Open a file for reading; a pipe without a writer does not wait for one."""
+    """Open a file for reading; raises at once if the path is a pipe, instead of waiting."""
     number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         _check(os.fstat(number), path)
@@ -39,15 +39,15 @@ def read_regular(path: str | os.PathLike[str]) -> BinaryIO:
 def replace_file(path: Path, *pieces: bytes | memoryview) -> None:
     """Replace a file by one of the given content, or leave it as it was.
 
-    The content is written to ``.<name>.<random>.part`` in the same folder, to the disk, and takes
-    the name then. Parts that killed processes left are removed.
+    The content is first written to ``.<name>.<random>.part`` in the same folder, and to the disk.
+    Then this part takes the name of the file. Parts that killed processes left are removed.
 
     Raises:
         OSError: If it cannot be written, or the path leads to something else than a file.
     """
     with contextlib.suppress(FileNotFoundError):
         _check(os.stat(path), path)
-    _remove_parts(path)  # before, for there may be no room beside them
+    _remove_parts(path)  # first, because they may fill the disk
     with _new_part(path) as (part, file):
         for piece in pieces:
             file.write(piece)
@@ -55,7 +55,7 @@ def replace_file(path: Path, *pieces: bytes | memoryview) -> None:
         os.fsync(file.fileno())
         os.replace(part, path)
     folder = os.open(path.parent, os.O_RDONLY | os.O_CLOEXEC)
-    with contextlib.suppress(OSError):  # some file systems cannot, and need not
+    with contextlib.suppress(OSError):  # some file systems do not support it, nor need it
         os.fsync(folder)
     os.close(folder)
 
@@ -71,8 +71,8 @@ def _check(status: os.stat_result, path: str | os.PathLike[str]) -> None:
 def _new_part(path: Path) -> Iterator[tuple[Path, BinaryIO]]:
     """Make a file that nobody else writes, and remove it on any failure.
 
-    Its lock tells others that its writer lives. Whoever removes parts may have taken it first for
-    one that a killed process left; then another is made.
+    Its lock tells other processes that its writer lives. Before the lock is set, another process
+    may remove the file as left over; then another file is made.
     """
     while True:
         part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
@@ -101,9 +101,9 @@ def _remove_parts(path: Path) -> None:
 
 
 def _lock(number: int, *, known: bool = False) -> bool:
-    """Lock an open file; tell whether nobody else had.
+    """Lock an open file; tell whether nobody else held the lock.
 
-    Where a file system has no locks the answer is yes, unless it must be ``known``.
+    Where a file system has no locks the answer is yes, or no if it must be ``known``.
     """
     try:
         fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -16,9 +16,9 @@ T = TypeVar("T")
 def on_all_ranks(comm: MPI.Intracomm, work: Callable[[], T]) -> T:
     """Run ``work`` on each rank; collective.
 
-    If it raises on some ranks, all raise the exception of the first of them: whoever catches some
-    exceptions only catches the same on all ranks. That holds for Ctrl-C inside ``work``, too. Work
-    that is collective itself must raise before its first collective call, or on all ranks.
+    If it raises on some ranks, all ranks raise the exception of the first of them, so that an
+    ``except`` does the same on all ranks. This holds for Ctrl-C inside ``work``, too. If ``work``
+    is collective itself, it must raise before its first collective call, or on all ranks.
 
     Returns:
         This rank's result.
@@ -34,7 +34,7 @@ def on_all_ranks(comm: MPI.Intracomm, work: Callable[[], T]) -> T:
         if failure is not None:
             raise failure
     finally:
-        del failure  # in a cycle with its traceback, see Substep.problem
+        del failure  # it forms a reference cycle with its traceback
     assert result is not None
     return result[0]
 
@@ -63,13 +63,13 @@ def _first(comm: MPI.Intracomm, failure: BaseException | None) -> BaseException 
 
 
 def _sendable(failure: BaseException) -> tuple[bytes, bool]:
-    """Return a pickled exception and whether it is the same, not a RuntimeError that quotes it."""
+    """Return a pickled exception, and False if it is a RuntimeError that quotes the original."""
     try:
         content = pickle.dumps(failure)
         if type(pickle.loads(content)) is type(failure):
             return content, True
     except Exception:
-        pass  # it holds what belongs to this process
+        pass  # it holds an object that cannot be pickled
     return pickle.dumps(RuntimeError(repr(failure))), False
 
 

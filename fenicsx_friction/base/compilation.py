@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Compilation of forms that survives a compilation killed in the middle.
 
-FFCx marks a form that is being compiled by its ``.c`` file in the cache. The file of a process that
-was killed stays, and everybody who needs the form waits for it in vain. Therefore forms of this
-package are kept in a folder of their own. Who compiles there holds a shared lock (``flock``), which
-ends with its process, however that ends. Who gets the lock alone knows that nobody compiles: what
-is incomplete then is dead, and is removed. A process that waits for a living one just waits longer.
+While FFCx compiles a form, its ``.c`` file in the cache marks the form as busy. The file of a
+killed process stays, and all others wait for the form in vain. Therefore this package keeps its
+forms in a folder of their own. A process that compiles there holds a shared lock (``flock``), which
+ends with the process, however it ends. A process that gets the lock alone knows that nobody
+compiles: incomplete files are then left over, and it removes them. A process that waits for a
+living one waits longer.
 """
 
 import fcntl
@@ -28,18 +29,18 @@ from dolfinx.fem import petsc
 PATIENCE = 900.0
 #: The same where the file system has no locks, and the other process may be dead.
 PATIENCE_WITHOUT_LOCKS = 60.0
-#: Seconds between two attempts in which the lock is asked for.
+#: Seconds for which the lock is tried before the next attempt.
 PAUSE = 2.0
 
 
 class NonlinearProblem(petsc.NonlinearProblem):
-    """DOLFINx's class, which cannot destroy what its constructor failed to make (0.11)."""
+    """DOLFINx's class. In 0.11 its destructor fails if its constructor did; defaults cure that."""
 
     _snes = _A = _b = _x = _P_mat = None
 
 
 def compiled(function: Callable[..., Any], comm: MPI.Intracomm) -> Callable[..., Any]:
-    """Return ``function`` with a net under the forms that it compiles; collective when called.
+    """Return ``function`` protected against killed compilations; collective when called.
 
     Args:
         function: ``fem.form``, ``fem.Expression``, ``NonlinearProblem``: takes ``jit_options``.
@@ -51,7 +52,7 @@ def compiled(function: Callable[..., Any], comm: MPI.Intracomm) -> Callable[...,
     """
 
     def call(*args: Any, jit_options: dict[str, Any] | None = None, **kwargs: Any) -> Any:
-        """Call ``function`` until it does not wait for others in vain."""
+        """Call ``function``, again where it has waited for a killed compilation."""
         folder = Path(jit.get_options(jit_options)["cache_dir"]) / "fenicsx_friction"
         options = {**(jit_options or {}), "cache_dir": folder}
         if comm.rank == 0:

@@ -20,7 +20,7 @@ from .errors import ContactInputError
 def check_terminals(expression: Expr, allowed: Iterable[object], what: str) -> None:
     """Raise a ContactInputError for what has no values or lives on another mesh.
 
-    A ``fem.Constant`` is a number, on whatever mesh.
+    A ``fem.Constant`` may belong to any mesh: it is a number.
 
     Args:
         expression: A UFL expression.
@@ -43,7 +43,7 @@ def check_terminals(expression: Expr, allowed: Iterable[object], what: str) -> N
 
 
 def not_finite(expression: Expr) -> str:
-    """Return words on the first Function in it with an infinite value or nan; collective.
+    """Name the first Function in an expression with an infinite value or nan; collective.
 
     The value at a node is a sum over nodes, in which an infinite one reads as nan.
     """

@@ -25,7 +25,7 @@ class StepFailed(RuntimeError):
         self.report = report
 
     def __reduce__(self) -> tuple[Callable[..., StepFailed], tuple[Any, ...], dict[str, Any]]:
-        """Say how to copy it: without the constructor, which also those who derive have changed."""
+        """Say how to copy it: without the constructor, which differs in derived classes."""
         return _unpickled, (type(self), *self.args), vars(self)
 
 
@@ -39,4 +39,4 @@ def _unpickled(kind: type[StepFailed], *arguments: object) -> StepFailed:
 
 
 class OutOfMemory(RuntimeError):
-    """The direct solver has no memory left: no other way or step would help."""
+    """The direct solver has no memory left; smaller steps do not help."""

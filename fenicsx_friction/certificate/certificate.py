@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The certificate: how well a state solves the unsmoothed law, without ``eps`` and ``xi``.
 
-Plain NumPy on nodal values, independent of the rows that the solver uses: the law enters only
-through its limit, the projection is written anew.
+Plain NumPy on nodal values, independent of the rows that the solver uses. The law enters only
+through its limit, and the projection is written a second time.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from .nodal_state import NodalState
 from .scales import Scales, coarsest
 from .violations import largest_of_nodes, natural_maps, unphysical_part, worst_of_ranks
 
-#: More rounding than this, relative, belongs to displacements out of bounds.
+#: More relative rounding than this means that displacements are out of bounds.
 DROWNED = 1e-2
 
 
@@ -37,8 +37,8 @@ class Certificate:
         tension: ``max(-c_n)`` (Pa).
         complementarity: ``|c_n g|`` (J/m²).
         cone: ``|c_t| - limit`` (Pa).
-        alignment: ``limit |s| + c_t . s``, the power missing to slip opposite to the traction
-            (J/m²).
+        alignment: ``limit |s| + c_t . s`` (J/m²): zero without slip, and where the traction has its
+            limit and is opposite to the slip.
         negative_limit: How far the friction limit is below zero (Pa).
         negative_dissipation: Frictional power of the wrong sign (J/m²).
         equilibrium: Largest nodal residual force on the free dofs (N, per unit depth in 2D).
@@ -47,16 +47,17 @@ class Certificate:
         unphysical: Largest negative limit or dissipation, relative.
         boundary: Largest distance from a prescribed value, relative to the largest value.
         pushed: How far conditions push held nodes into an obstacle (m), beyond how they started.
-        resolution: The relative accuracy that rounding permits for the faintest body or contact
-            that carries forces. Where it is coarser than the tolerance, it takes its place.
+        resolution: The estimated relative rounding error of the faintest body or contact that
+            carries forces. Where it is larger than the tolerance, it replaces the tolerance.
         excess: The largest residual in units of what tolerance and rounding allow.
         traction_scale: The largest traction (Pa).
         force_scale: The largest force (N).
         tolerance: Relative tolerance of :attr:`certified`.
         certifiable: False if some law states no cone: then ``tangential_map`` is its own residual,
             and the state is solved but not certified.
-        drowned: Whether what is left of some body or contact is rounding, but more than may pass.
-        crossed: Number of contacts of which nodes went through the obstacle within the step.
+        drowned: Whether the residual of some body or contact is only rounding, but more of it than
+            may pass.
+        crossed: Number of contacts with nodes that went through the obstacle within the step.
     """
 
     normal_map: float
@@ -86,7 +87,7 @@ class Certificate:
     @property
     def relative(self) -> float:
         """The worst of natural map, equilibrium, sign of friction and boundary values, relative."""
-        # np.max hands NaN on, max() may not.
+        # np.max returns NaN if there is one, max() may not.
         parts = [self.natural_map, self.unbalanced, self.unphysical, self.boundary]
         return float(np.max(parts))
 
@@ -97,7 +98,7 @@ class Certificate:
 
     @property
     def solved(self) -> bool:
-        """Whether all residuals are small, can be told from rounding, and no body went through."""
+        """Whether all residuals are small and more than rounding, and no body went through."""
         small = self.excess <= 1.0 and self.boundary <= self.tolerance
         return bool(small and self.resolved and self.pushed <= 0.0 and self.crossed == 0)
 

@@ -20,8 +20,8 @@ def number_bodies(V: fem.FunctionSpace) -> tuple[int, Labels]:
         V: A space of the mesh, continuous or not.
 
     Returns:
-        How many there are, and the body of each local (blocked) dof of the space, the same on any
-        number of ranks but for their order.
+        How many there are, and the body of each local (blocked) dof of the space. Only the order of
+        the bodies depends on the number of ranks.
     """
     comm, vertices = V.mesh.comm, fem.functionspace(V.mesh, ("Lagrange", 1))
     index_map, cells = vertices.dofmap.index_map, vertices.dofmap.list

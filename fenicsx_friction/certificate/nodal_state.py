@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The nodal values of one contact that the law speaks of, and what they violate."""
+"""The nodal values of one contact, and how far they violate the law."""
 
 from dataclasses import dataclass
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""What residuals are measured by: the forces and tractions of each group, and what rounding hides.
+"""What residuals are compared with: forces and tractions of each group, and their rounding errors.
 
 A step may hold bodies and contacts of very different stiffness. One scale for all would let the
-soft ones be wrong, so that each body and each contact of a body is a group with a scale of its own.
-The scales are forces, and not stiffness times displacement: a motion of everything changes nothing.
+soft ones be wrong. Therefore each body, and each contact of a body, is a group with its own scale.
+The scales are forces, not stiffness times displacement: a motion of everything changes nothing.
 """
 
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ import numpy.typing as npt
 Array = npt.NDArray[np.floating]
 #: Rounding errors of a force, in units of the last digit of stiffness times displacement.
 DIGITS = 16.0 * float(np.finfo(float).eps)
-#: Rounding may take this multiple of the tolerance, and this fraction of a force, in its place;
-#: forces of which it hides more are not resolved.
+#: Rounding may replace the tolerance up to this multiple of it, and up to this fraction of a force.
+#: A force with more rounding is not resolved.
 COARSER, COARSEST = 1e3, 1e-4
-#: What a contact must carry to set a scale, as a fraction of the forces of its body.
+#: Tractions below this fraction of the forces of their body (over area) do not set a scale.
 FAINT = 1e-4
 
 
 def coarsest(tolerance: float) -> float:
-    """Return the relative accuracy that may take the place of a tolerance, where rounding does."""
+    """Return the largest relative rounding error that may replace a tolerance."""
     return min(COARSER * tolerance, COARSEST)
 
 
@@ -34,12 +34,12 @@ class Scales:
         largest: Largest force or traction of the present state.
         before: The same at the start of the step, new loads included; for contacts not less than
             ``FAINT`` of the forces of their body.
-        hidden: What rounding hides at the present displacements.
-        given: What rounding hides at displacements that are no result: those of the last step and
+        hidden: Estimated rounding error of forces at the present displacements.
+        given: The same at displacements that are given, not solved for: those of the last step and
             the prescribed ones, of all bodies that meet.
-        length: Rounding of these displacements (m).
-        noise: Rounding errors of the residual, as far as they were looked for.
-        lenient: Groups that may be as right as rounding permits, however faint they are.
+        length: Rounding of the given displacements (m).
+        noise: Measured rounding errors of the residual; zero before they are measured.
+        lenient: Groups whose rounding errors always pass, however faint their forces are.
     """
 
     largest: Array
@@ -51,7 +51,7 @@ class Scales:
     lenient: npt.NDArray[np.bool_]
 
     def quiet(self, tolerance: float) -> npt.NDArray[np.bool_]:
-        """Tell where nothing acts but what rounding and the tolerance leave of other forces."""
+        """Tell where forces are below rounding, or below the tolerance times the forces before."""
         nothing = np.maximum(np.maximum(self.given, self.noise), tolerance * self.before)
         return np.asarray((self.largest <= nothing) & ~self.lenient)
 
@@ -60,15 +60,15 @@ class Scales:
     ) -> Array:
         """Return the residuals in units of what tolerance and rounding allow.
 
-        Where nothing acts, a residual may be what the tolerance leaves of the forces before, or
-        what the rounding of a displacement makes by the stiffness of its own node: the stiffness of
-        other nodes is no excuse.
+        In a quiet group, a residual may reach the tolerance times the forces before, or the
+        rounding of a displacement times the stiffness of its own node. The stiffness of other nodes
+        does not count.
 
         Args:
             residual: Largest residual of each group (N or Pa).
             distance: Largest residual over the stiffness of its own node (m).
             tolerance: Relative tolerance.
-            share: The part of what rounding hides that is allowed.
+            share: The allowed part of the estimated rounding errors.
         """
         hidden = np.maximum(share * self.hidden, self.noise)
         most = np.where(self.lenient, np.inf, coarsest(tolerance) * self.largest)
@@ -79,7 +79,7 @@ class Scales:
         return np.where(self.quiet(tolerance), np.minimum(before, apart), loud)
 
     def relative(self, residual: Array, distance: Array, tolerance: float) -> Array:
-        """Return the residuals over the forces; what rounding excuses counts as it is excused."""
+        """Return residuals over forces; for quiet and lenient groups, excess times tolerance."""
         excused = self.quiet(tolerance) | self.lenient
         seen = tolerance * self.excess(residual, distance, tolerance)
         return np.where(excused, seen, _ratio(residual, self.largest))
@@ -87,7 +87,7 @@ class Scales:
     def resolution(self, residual: Array, tolerance: float) -> Array:
         """Return the relative accuracy that rounding permits, 0 where nothing acts.
 
-        Noise counts where a residual needs it as an excuse.
+        Noise counts only where a residual is beyond tolerance and estimated rounding.
         """
         loud = ~self.quiet(tolerance) & ~self.lenient
         needed = residual > np.maximum(tolerance * self.largest, self.hidden)
@@ -97,6 +97,6 @@ class Scales:
 
 
 def _ratio(values: Array, scales: Array) -> Array:
-    """Return ratios: 0 of nothing, infinite of something to nothing; what is no number stays."""
+    """Return ratios: 0 / 0 is 0, others over 0 are infinite, NaN stays."""
     ratio = np.where(values == 0.0, 0.0, np.where(np.isnan(values), np.nan, np.inf))
     return np.divide(values, scales, out=ratio, where=(scales > 0.0) & np.isfinite(scales))

@@ -77,7 +77,7 @@ def _check_gap(obstacle: RigidObstacle, surface: ContactSurface) -> None:
 
 
 def _check_law(law: FrictionLaw, surface: ContactSurface) -> None:
-    """Check what a law returns, for a pressure that varies, without pressure, and for a unit."""
+    """Check what a law returns, for a variable pressure, for pressure 0 and for pressure 1."""
     name, d, meshes = type(law).__name__, surface.mesh.geometry.dim, [surface.mesh, surface.submesh]
     pressure, length = (fem.Constant(surface.mesh, 1.0) for _ in range(2))
     slip = _vector(surface, d - 1)

@@ -66,8 +66,7 @@ class Contact:
         instance(friction, FrictionLaw, "friction", "a law such as Coulomb(0.3)")
         if r_p is not None:
             number(r_p, "r_p (Pa/m)", above=0.0)
-        # Contacts of one surface need spaces of their own: conditions go by space, and what one
-        # contact pins would be pinned in all.
+        # Each contact needs a multiplier space of its own: DOLFINx applies conditions by space.
         surface = copy.copy(surface)
         surface.Q = surface.Q.clone()
         self.surface, self.obstacle, self.friction, self._r_p = surface, obstacle, friction, r_p
@@ -120,7 +119,7 @@ class Contact:
         bs = V.dofmap.index_map_bs
         diagonal = stiffness_diagonal.x.array.reshape(-1, bs).mean(axis=1)
         scale = diagonal[self.parent_dofs] / self.surface.area.x.array
-        # A stiff body follows a soft one: the softer decides what a gap is worth.
+        # The softer body decides which traction belongs to a gap.
         softer = self.pairing.stiffness(diagonal, V)
         self.scale.x.array[:] = np.where(softer < MUCH_SOFTER * scale, softer, scale)
         self.scale.x.scatter_forward()
@@ -141,9 +140,9 @@ class Contact:
         self._prescribed.choose(self.friction_at_unit_pressure() > 0.0)
 
     def close_touching(self) -> None:
-        """Start nodes that touch, but for rounding, as closed ones; collective.
+        """Close nodes that touch up to rounding, before Newton's method starts; collective.
 
-        The first matrix of Newton would be singular where contact alone holds a body.
+        Otherwise the first Newton matrix is singular where only contact holds a body.
         """
         n, near, c = self.surface.num_owned, touch(self.pairing), self.multipliers()
         touching = (c[:, 0] == 0.0) & (abs(self.pairing.gaps()) < near)

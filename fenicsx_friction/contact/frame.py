@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The tangent frame of each contact node, and what boundary conditions leave free of it."""
+"""The tangent frame of each contact node, and its directions that boundary conditions hold."""
 
 import numpy as np
 import numpy.typing as npt
@@ -16,8 +16,8 @@ Mask = npt.NDArray[np.bool_]
 def choose_hints(normals: Array, fixed: Mask) -> Array:
     """Choose the axis whose tangential part becomes the first tangent of each node.
 
-    It is the prescribed axis where exactly one is prescribed and is not the normal, so that one
-    multiplier alone belongs to the prescribed direction; else the axis most tangential to the
+    Where exactly one axis is prescribed and it is not the normal, take this axis: then only one
+    multiplier belongs to the prescribed direction. Elsewhere take the axis most tangential to the
     surface.
 
     Args:
@@ -40,8 +40,8 @@ def steep_hints(normals: Array, hints: Array) -> Mask:
 def pinned_directions(normals: Array, fixed: Mask) -> Mask:
     """Tell which directions ``(n, e_1[, e_2])`` of each frame are prescribed.
 
-    The multiplier of a prescribed tangent has no work to do (the boundary condition carries the
-    reaction), and its row would repeat the boundary condition. A node whose normal displacement
+    Along a prescribed tangent the boundary condition carries the reaction. A row of contact there
+    would repeat the condition, so the multiplier is set to zero. A node whose normal displacement
     is prescribed takes no part in contact.
 
     Args:
@@ -59,7 +59,7 @@ def pinned_directions(normals: Array, fixed: Mask) -> Mask:
 
 
 def oblique(normals: Array, fixed: Mask, most: float) -> Mask:
-    """Tell where prescribed directions are neither normal nor, but for ``most``, tangential."""
+    """Tell where prescribed directions are neither normal nor tangential (up to ``most``)."""
     along = np.linalg.norm(np.where(fixed, normals, 0.0), axis=1)
     return np.asarray((along > most) & ~_is_held(normals, fixed))
 

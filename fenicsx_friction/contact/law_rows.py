@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The rows of one contact in UFL: what the three kinds of substep ask of a node."""
+"""The rows of one contact in UFL, for the three kinds of substep."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class LawRows:
     def stick(self, eps: Expr) -> Expr:
         """Return the rows of the stick predictor, eq. (14); without friction nothing sticks.
 
-        Stick would over-constrain bodies that slide on what holds them.
+        Stick rows there would over-constrain a body on a frictionless support.
         """
         H = rows.closed(self._gap, self._f.c[0], self._f.r)
         rough = ufl.gt(self._friction.limit(ufl.as_ufl(1.0), self.sliding), 0.0)
@@ -96,7 +96,7 @@ class LawRows:
     def _limit(self, pressure: Expr) -> Expr:
         """Return the law's limit in contact, zero where the node is open.
 
-        Adhesion alone is switched: the rest vanishes with the pressure and must stay smooth.
+        Only the adhesion is switched off: the rest vanishes with the pressure and stays smooth.
         """
         H = rows.closed(self._gap, self._f.c[0], self._f.r)
         adhesion = self._friction.limit(ufl.as_ufl(0.0), self.sliding)

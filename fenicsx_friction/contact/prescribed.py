@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The frame of each node under boundary conditions: what they prescribe, and what stays free."""
+"""The frame of each node under boundary conditions: prescribed and free directions."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from . import frame
 
 #: A node touches at gaps below this fraction of its facets' size.
 TOUCH = 1e-8
-#: Sine of the angle between a held direction and the tangent plane that passes for rounding, and
-#: for the facets of a curved surface.
+#: Largest sine of the angle between a held direction and the tangent plane: for rounding, and for
+#: the facets of a curved surface.
 OBLIQUE, OBLIQUE_FACES = 1e-6, 0.3
 
 
@@ -39,21 +39,21 @@ class Prescribed:
         side.hint.x.scatter_forward()
 
     def start(self) -> None:
-        """Remember how deep nodes are, once pairs and frames are chosen."""
+        """Remember how deep nodes are at the start, after pairs and frames are chosen."""
         self._overlap = np.maximum(-self._pairing.gaps(), 0.0) + touch(self._pairing)
 
     def choose(self, rough: npt.NDArray[np.bool_]) -> None:
-        """Choose anew what is prescribed of each frame, and its first tangent.
+        """Choose again the prescribed directions of each frame, and its first tangent.
 
-        Frames change where the normal has turned or other faces are met; the multipliers turn with
-        them.
+        A frame changes where the normal has turned or the node meets another face. Its multipliers
+        turn with it.
 
         Args:
             rough: Owned nodes with friction.
 
         Raises:
             ContactInputError: If a node is held in a direction that is neither normal nor
-                tangential, so that its friction could not be told from the reaction.
+                tangential: friction and reaction could not be told apart.
         """
         side = self._side
         fixed, normals = self._fixed_components(), self._pairing.normals().copy()
@@ -78,7 +78,7 @@ class Prescribed:
     def pushed(self, state: NodalState) -> float:
         """Return how far conditions push held nodes into the obstacle (m), on this rank.
 
-        How deep they were at the beginning, by the facets of a mesh, say, does not count.
+        The depth at the beginning does not count; it may come from the facets of a curved surface.
         """
         deeper = np.where(state.takes_part, 0.0, -state.gap - self._overlap)
         return float(np.max(deeper, initial=0.0))

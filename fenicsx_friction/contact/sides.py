@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Sides: does the obstacle look at the surface, and is each node still on its side?"""
+"""Checks that the obstacle looks at the surface, and that nodes start on its outer side."""
 
 import warnings
 
@@ -12,7 +12,7 @@ from .contact import Contact
 
 #: Nodes are at the obstacle at gaps below this fraction of their facets' size.
 TOUCH = 1e-8
-#: Cosine from which two normals clearly point the same way: those at right angles may yet turn.
+#: Cosine from which two normals clearly point the same way; those at right angles may still turn.
 ALONG = 0.1
 
 CURE = (
@@ -28,8 +28,8 @@ def check_sides(contact: Contact) -> None:
         contact: The contact, after ``bind``.
 
     Raises:
-        ContactInputError: If it looks away everywhere from nodes that are at it or behind it, or
-            if all nodes are behind it, some the wrong way round.
+        ContactInputError: If it looks away from the surface everywhere, and nodes are at it or
+            behind it; or if all nodes are behind it, and it looks away from some of them.
     """
     view = contact.pairing.view(contact.pairing.side.u)
     n, d = contact.surface.num_owned, contact.surface.mesh.geometry.dim
@@ -62,7 +62,7 @@ def check_sides(contact: Contact) -> None:
 
 
 def _warn_of_penetration(contact: Contact, lost: npt.NDArray[np.floating]) -> None:
-    """Warn of nodes that start so deep in the obstacle that they do not meet it; collective."""
+    """Warn of nodes that start too deep in the obstacle to meet it; collective."""
     nodes = np.flatnonzero(lost > 0.0)
     if number := contact.surface.mesh.comm.allreduce(len(nodes)):
         warnings.warn(

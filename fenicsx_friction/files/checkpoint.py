@@ -2,9 +2,9 @@
 """Checkpoints: stop after any step, resume on any number of ranks.
 
 A checkpoint is an HDF5 file of plain numbers behind a header with its SHA-256. It holds unknowns,
-contact history and motions, neither mesh nor forms: a script builds its problem as for a fresh
-start, then fills it with :func:`read_checkpoint`. Values are stored in an order that no partition
-changes: sorted by the input numbers of the mesh entity to which a dof belongs.
+contact history and motions, but neither mesh nor forms. A script builds its problem as for a fresh
+start and then fills it with :func:`read_checkpoint`. Values are stored in an order that does not
+depend on the partition: sorted by the input numbers of the mesh entity to which a dof belongs.
 """
 
 import os
@@ -68,7 +68,7 @@ def read_checkpoint(
 ) -> dict[str, float]:
     """Fill a problem, built by the same script on the same mesh, with a checkpoint; collective.
 
-    Loads, boundary values and anything else that the script sets before a step are its own.
+    Loads, boundary values and anything else that the script sets before a step are not restored.
 
     Args:
         path: The file.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a problem keeps from step to step, in an order that no partition changes."""
+"""The history of a problem, in an order that does not depend on the partition."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
@@ -17,7 +17,7 @@ from .numbering import Numbering, mesh_table
 if TYPE_CHECKING:
     from ..problem import FrictionalContactProblem
 
-#: Functions of a contact that are history; the others are set up anew or belong to one step.
+#: Functions of a contact that are history; the others are made again or belong to one step.
 CONTACT_HISTORY = ("c", "path", "hint")
 #: Name of ``Contact.slip_increment`` beside the fields of a ``NodalState``.
 SLIP_INCREMENT = "slip_increment"
@@ -32,7 +32,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class Expected:
-    """What an array must be; ``None`` where anything goes.
+    """What an array must be; ``None`` where anything is allowed.
 
     Attributes:
         rows: Number of rows.
@@ -65,7 +65,7 @@ class Content:
         motions: The moving obstacles' motions, each once.
         nodes: Coordinates of the mesh by input number (rank 0).
         functions: The Functions with the orders of their dofs.
-        description: What a file must agree in to be read into the problem (rank 0).
+        description: Properties that a file must share with the problem (rank 0).
     """
 
     def __init__(

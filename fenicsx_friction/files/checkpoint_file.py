@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Content of a checkpoint to and from its file; rank 0 only.
 
-Whatever is in a file, all of it is checked before any of it is used.
+All content of a file is checked before any of it is used.
 """
 
 import os
@@ -44,7 +44,7 @@ class Stored:
 
 
 def store(path: str | os.PathLike[str], content: Content, stored: Stored) -> None:
-    """Write a file, or leave the old one; what is written can be read.
+    """Write a file that can be read, or leave the old one.
 
     Raises:
         CheckpointError: If a value is not finite.
@@ -70,15 +70,15 @@ def store(path: str | os.PathLike[str], content: Content, stored: Stored) -> Non
 
 
 def load(path: str | os.PathLike[str], content: Content) -> Stored:
-    """Read a file that is whole and fits to the problem in every part.
+    """Read a file after checking that it is intact and fits to the problem.
 
     Raises:
-        CheckpointError: If it is not.
+        CheckpointError: If it is damaged or does not fit.
         OSError: If it cannot be read.
     """
     with reading(Path(path)) as h5:
         found: dict[str, Any] = {}
-        h5.visititems(found.__setitem__)  # goes through no link to elsewhere
+        h5.visititems(found.__setitem__)  # follows no external link
         content.compare(_attributes(found, "problem"))
         nodes = content.nodes
         content.compare_nodes(_array(found, "mesh", Expected(len(nodes), nodes.shape[1:], "f")))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Orders of dofs that no partition changes: by the input numbers of the mesh entity of each dof."""
+"""Orders of dofs that do not depend on the partition: by input numbers of their mesh entities."""
 
 import hashlib
 from typing import Any
@@ -59,9 +59,9 @@ class Numbering:
 def _keys(V: fem.FunctionSpace) -> npt.NDArray[np.int64]:
     """Return a key of each owned dof from the numbers that the mesh was made with.
 
-    It is the dimension of the dof's entity, its place on the entity and the numbers of the
-    entity's vertices: sorted, or for the interior of a cell in the cell's own order, so that a
-    cell with another order is not taken for the same.
+    A key is the dimension of the dof's entity, the place on the entity and the numbers of the
+    entity's vertices. They are sorted, except in the interior of a cell: there the cell's own order
+    distinguishes cells with permuted vertices.
     """
     msh, layout, dofs = V.mesh, V.dofmap.dof_layout, V.dofmap.list
     entities = basix.topology(msh.basix_cell())

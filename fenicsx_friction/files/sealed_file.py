@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""HDF5 files behind a header with their SHA-256, replaced at once and read only if whole.
+"""HDF5 files behind a header with their SHA-256, replaced as a whole and read only if intact.
 
-HDF5 never sees the disk: where one is full, it would end the process.
+HDF5 works in memory only: on a full disk it would end the process.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ FORMAT, VERSION, HEADER = "fenicsx_friction checkpoint", 1, 512
 
 @contextlib.contextmanager
 def writing(path: Path) -> Iterator[Any]:
-    """Hand out an empty HDF5 file in memory that replaces the file ``path`` at the end."""
+    """Yield an empty HDF5 file in memory that replaces the file ``path`` at the end."""
     memory = io.BytesIO()
     with _hdf5(memory, "w", userblock_size=HEADER) as h5:
         yield h5
@@ -31,7 +31,7 @@ def writing(path: Path) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def reading(path: str | os.PathLike[str]) -> Iterator[Any]:
-    """Hand out the HDF5 part of a file that is whole."""
+    """Yield the HDF5 part of a file, after checking that the file is intact."""
     with read_regular(path) as file:
         header = file.read(HEADER)
         _check_format(header)
@@ -62,7 +62,7 @@ def _check_format(header: bytes) -> None:
 
 
 def _header_of(content: memoryview) -> bytes:
-    """Return the header that belongs to a file, whatever the one it has."""
+    """Return the right header for the content of a file, whatever header it has."""
     digest = hashlib.sha256(content[HEADER:]).hexdigest()
     text = f"{FORMAT} {VERSION}\nbytes {len(content)}\nsha256 {digest}\n"
     return text.encode().ljust(HEADER, b"\n")

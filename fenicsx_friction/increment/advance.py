@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""One step: try the ways to solve it, search again, certify, commit or roll back."""
+"""One step: solve it in one way or another, search again, certify, commit or roll back."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,7 +30,7 @@ def advance(system: ContactSystem) -> StepReport:
         report = _advance(system)
     except BaseException as error:
         last.restore()
-        if not isinstance(error, StepFailed):  # it may have left solvers half done
+        if not isinstance(error, StepFailed):  # solvers may be incomplete
             for substep in (system.stick, system.slip, system.projection):
                 substep.discard()
         raise
@@ -129,12 +129,12 @@ def _judge(system: ContactSystem, substeps: list[SubstepReport]) -> tuple[StepRe
 
 
 def _check(system: ContactSystem, unbalanced: float) -> None:
-    """Refuse loads, boundary values and friction that are no numbers, before any solve."""
+    """Refuse loads, boundary values and friction that are not finite, before any solve."""
     for k in system.contacts:
         k.check_friction()
     if not np.isfinite(unbalanced):
         for k in system.contacts:
-            check_normals(k)  # an obstacle that has moved may have none at some node now
+            check_normals(k)  # an obstacle that has moved may have no normal at some node
         raise ContactInputError(
             f"The residual at the start of step {system.num_steps + 1} is {unbalanced}: look for "
             "NaN in loads, boundary values and material fields, and for inverted cells."
@@ -144,7 +144,7 @@ def _check(system: ContactSystem, unbalanced: float) -> None:
 def _settle(system: ContactSystem, attempt: Attempt) -> list[SubstepReport]:
     """Search again for what the nodes meet, and solve again, until nothing changes.
 
-    The certificate sees what the last search found.
+    The certificate is for the result of the last search.
     """
     reports: list[SubstepReport] = []
     for searched in range(MAX_SEARCHES):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Ways to solve an increment: predictor and corrector, and what is tried when they fail."""
+"""Ways to solve an increment: predictor and corrector, and the fallbacks when they fail."""
 
 from dataclasses import dataclass, replace
 
@@ -20,11 +20,11 @@ STAGE_TOLERANCE = 1e-6
 SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
 #: Smallest smoothing before 0, relative to the expected traction.
 SMALLEST_EPS = 1e-9
-#: Smallest part of the increment that the continuation follows at once.
+#: Smallest part of the increment that one step of the continuation follows.
 SMALLEST_CONTINUATION = 1e-4
-#: Smallest part of the friction that is added at once.
+#: Smallest part of the friction that is added in one stage.
 SMALLEST_REDUCTION = 1e-3
-#: A stage with at most this many iterations lets the next reduction be bolder.
+#: After a stage with at most this many iterations, ``xi`` falls faster.
 EASY_STAGE = 1
 
 
@@ -47,7 +47,7 @@ class Attempt:
     predictor_iterations: int | None = None
 
 
-#: Full Newton steps first; the others cost more and are for steep loads and high friction.
+#: Tried in turn after full Newton steps have failed; for steep loads and high friction.
 FALLBACKS = (
     Attempt("projection", "bt", max_it=40, predictor_iterations=4),
     Attempt("projection", predictor_iterations=0),
@@ -61,12 +61,12 @@ FALLBACKS = (
 
 
 def newton_tolerance(system: ContactSystem) -> float:
-    """Return the relative tolerance of the last stage; the certificate decides its worth."""
+    """Return the relative tolerance of the last stage; acceptance is up to the certificate."""
     return NEWTON_TOLERANCE * system.settings.tolerance
 
 
 def correct(system: ContactSystem, attempt: Attempt, forces: float) -> list[SubstepReport]:
-    """Predict with stick, correct, polish; leave the result in the unknowns."""
+    """Predict with stick, correct, then solve the natural map; the unknowns hold the result."""
     if attempt.corrector in WITHOUT_PREDICTOR:
         return WITHOUT_PREDICTOR[attempt.corrector](system, forces)
     start = snapshot.save(system.state)
@@ -156,8 +156,8 @@ def _smooth(system: ContactSystem, forces: float) -> list[SubstepReport]:
 def _add_friction(system: ContactSystem, forces: float) -> list[SubstepReport]:
     """Solve without friction, then add it bit by bit.
 
-    From a state that only touches, the tip of the cone at every node, friction sends Newton
-    anywhere; the pressures of the frictionless solution tell which nodes are closed.
+    In a state that only touches, each node is at the tip of the cone: with friction, Newton's
+    method may go anywhere. The pressures of the frictionless solution tell which nodes are closed.
     """
     reports: list[SubstepReport] = []
     xi, reduction, good = 1.0, 1.0, snapshot.save(system.state)

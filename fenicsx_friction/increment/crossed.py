@@ -11,7 +11,7 @@ from ..system.system import ContactSystem
 def crossed_nodes(system: ContactSystem) -> list[str]:
     """Name the nodes that have gone through an obstacle in the step; collective, on all ranks.
 
-    Asked for are those that no closed contact holds.
+    Nodes that a closed contact holds are not tested.
     """
     lines = []
     for k, state in zip(system.contacts, system.nodal_states(), strict=True):

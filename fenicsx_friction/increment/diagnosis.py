@@ -15,7 +15,7 @@ from ..system.system import ContactSystem
 
 #: Substeps of a failed step that are listed one by one.
 SUBSTEPS_NAMED = 8
-#: The advice that a load stepper follows by itself.
+#: Advice that a load stepper follows by itself.
 SMALLER_STEP = (
     "Try a smaller load step; for mu above about 3 the discrete problem may have several "
     "solutions or none."

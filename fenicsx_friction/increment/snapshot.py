@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Copies of the unknowns, and of a whole problem with its history, to go back to."""
+"""Copies of the unknowns, and of a whole problem with its history, to be restored."""
 
 from collections.abc import Sequence
 
@@ -28,8 +28,8 @@ class ProblemSnapshot:
 
     These are the unknowns, ``u_old``, everything a contact owns (multipliers, slip path, frames,
     slip increment), the positions of moving obstacles now and at the last accepted step, the pairs
-    of deformable ones, ``dt``, ``accepted`` and ``num_steps``. Loads and boundary values are the
-    user's, who sets them.
+    of deformable ones, ``dt``, ``accepted`` and ``num_steps``. It leaves out loads and boundary
+    values: the user sets them.
 
     Args:
         problem: The problem.
@@ -37,7 +37,7 @@ class ProblemSnapshot:
     """
 
     def __init__(self, problem: ContactSystem, history: Sequence[fem.Function] = ()) -> None:
-        # A step replaces some of what a contact owns, like the slip increment.
+        # A step replaces some attributes of a contact, such as the slip increment.
         self._contacts = [(k, dict(vars(k))) for k in problem.contacts]
         owned = [value for _, kept in self._contacts for value in kept.values()]
         functions = {

@@ -134,7 +134,7 @@ def _strain_gradient(u: object, material: object) -> Expr:
 
 
 def _value(value: object) -> object:
-    """Return the value of a constant, or what else is given."""
+    """Return the value of a Constant; anything else unchanged."""
     return value.value[()] if isinstance(value, fem.Constant) else value
 
 

@@ -38,10 +38,10 @@ class Sliding(NamedTuple):
 
 
 class FrictionLaw(ABC):
-    """Base class: the traction stays in the disk of radius ``limit``, slip opposes it on the rim.
+    """Base class: the traction stays in the disk of radius ``limit``; on its rim, slip opposes it.
 
-    A law overrides :meth:`limit`; an anisotropic one :meth:`metric`, too. Both certify. A law of
-    another kind overrides :meth:`row`; its steps are solved but not certified.
+    A law overrides :meth:`limit`; an anisotropic one :meth:`metric`, too. Their steps are
+    certified. A law of another kind overrides :meth:`row`; its steps are solved, not certified.
     """
 
     @abstractmethod
@@ -63,8 +63,8 @@ class FrictionLaw(ABC):
     def on(self, msh: mesh.Mesh) -> "FrictionLaw":
         """Return the law with Constants of a mesh in place of numbers, to compile it once.
 
-        Numbers in expressions become Constants anyway; what folds to another expression for some
-        numbers (``0 * pressure``) is worth an override.
+        Numbers in expressions become Constants anyway. Override this only where UFL folds some
+        numbers to another expression, such as ``0 * pressure``.
         """
         return self
 
@@ -97,8 +97,8 @@ Mu = float | Expr | Callable[[Expr, Sliding], Expr]
 class Coulomb(FrictionLaw):
     """Coulomb's law, ``limit = mu * pressure``, eq. (2), with optional adhesion and cap.
 
-    ``limit = min(adhesion + mu * pressure, cap)``: with ``mu = 0`` and an adhesion it is Tresca's
-    law (a cap alone would cap zero).
+    ``limit = min(adhesion + mu * pressure, cap)``. Tresca's law is ``mu = 0`` with an adhesion; a
+    cap alone would leave the limit at zero.
 
     Attributes:
         mu: Friction coefficient: a number, ``fem.Constant``, ``fem.Function`` on the mesh or on

@@ -57,14 +57,14 @@ def deforms_freely(element: Element, degree: int) -> bool:
 
 
 def _scalar_parts(element: Element) -> list[Element]:
-    """Return the elements without parts that a blocked or mixed element consists of."""
+    """Return the scalar elements that a blocked or mixed element consists of."""
     if not element.sub_elements:
         return [element]
     return [part for sub in element.sub_elements for part in _scalar_parts(sub)]
 
 
 def _gradient_degree(scalar: Element) -> int:
-    """Return the degree of the gradient; that of one direction on quadrilaterals, hexahedra."""
+    """Return the degree of the gradient; on quadrilaterals and hexahedra in one direction."""
     if scalar.cell_type in (basix.CellType.quadrilateral, basix.CellType.hexahedron):
         return int(scalar.basix_element.degree)
     return max(int(scalar.embedded_superdegree) - 1, 0)

@@ -24,8 +24,8 @@ from ufl.core.expr import Expr
 def norm(a: Expr) -> Expr:
     """Return ``|a|``, with the derivative zero where ``a`` is zero.
 
-    UFL differentiates both branches of a conditional, so the root needs a positive argument in
-    the branch that is not taken, too.
+    UFL differentiates both branches of a conditional. Hence the root needs a positive argument
+    in the branch that is not taken, too.
     """
     square = ufl.dot(a, a)
     nonzero = ufl.gt(square, 0.0)
@@ -92,7 +92,7 @@ def closed(g: Expr, c_n: Expr, r: Expr) -> Expr:
 def stick_row(s: Expr, c_t: Expr, r: Expr, H: Expr) -> Expr:
     """Stick ``H r s = 0``, eqs. (10), (14).
 
-    Completed by ``(1 - H) c_t = 0``, without which the row of an open node is empty.
+    The part ``(1 - H) c_t = 0`` is added: without it the row of an open node is empty.
     """
     return H * r * s + (1.0 - H) * c_t
 

@@ -51,11 +51,11 @@ class EnergyBalance:
 
     @property
     def defect(self) -> float:
-        """``external_work - stored - dissipation``: what finite steps miss.
+        """``external_work - stored - dissipation``: the error of the balance in finite steps.
 
-        The law is fulfilled at the end of the step, work is done along it: for a body with
-        quadratic energy the defect is ``-contact_work - dissipation``; it vanishes with the step.
-        Where a body snaps, it is the energy set free.
+        The law holds at the end of the step, but work is done along it. For a body with quadratic
+        energy the defect is ``-contact_work - dissipation``. It vanishes with the step size. Where
+        a body snaps, it is the energy set free.
         """
         return self.external_work - self.stored - self.dissipation
 
@@ -125,7 +125,7 @@ class EnergyAudit:
         forces = np.zeros_like(contact)
         held = self._problem.constrained_dofs
         held = held[held < len(forces)]
-        # The residual that remains at prescribed dofs is the reaction.
+        # The residual at prescribed dofs is the reaction.
         forces[held] = self._problem.assemble_momentum()[held]
         if self._loads is not None:
             forces += assemble_owned(self._loads)

@@ -67,9 +67,9 @@ class EventLog:
     """Writes events to a CSV file: ``step,node,x,from,to``.
 
     ``x`` holds the coordinates separated by spaces. With several contacts a sixth column,
-    ``contact``, names the surface that counts the nodes. A problem that has made steps already, a
-    resumed one, continues the file: rows of later steps, which will be made again, are dropped.
-    Otherwise it starts anew. The file is complete after every step.
+    ``contact``, names the surface whose node numbers are meant. A resumed problem, which has made
+    steps already, continues the file: it drops rows of later steps, which will be made again.
+    Otherwise the file is started anew. The file is complete after every step.
 
     Args:
         path: The file.
@@ -77,7 +77,7 @@ class EventLog:
 
     Raises:
         ContactInputError: On all ranks, if the file cannot be written, or the one to be continued
-            is no event log of such a problem.
+            is not an event log of such a problem.
     """
 
     def __init__(self, path: str | os.PathLike[str], problem: FrictionalContactProblem) -> None:
@@ -128,7 +128,7 @@ class EventLog:
         return [[*row] for row in rows[1:] if int(row[0]) <= step]
 
     def _on_first_rank(self, work: Callable[[], None]) -> None:
-        """Do work with the file; say what is wrong with it."""
+        """Do work with the file; turn its errors into a ContactInputError."""
 
         def named() -> None:
             try:
@@ -152,7 +152,7 @@ def _csv(rows: Iterable[Sequence[object]]) -> bytes:
 
 
 def _append(path: Path, content: bytes) -> None:
-    """Append to a file all or nothing."""
+    """Append to a file: the whole content or nothing."""
     with path.open("ab", buffering=0) as file:
         size = file.seek(0, os.SEEK_END)
         try:

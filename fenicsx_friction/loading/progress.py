@@ -15,9 +15,9 @@ from .record import StepRecord
 def step_progress(
     console: Console, start: float, end: float, *, shown: bool
 ) -> Iterator[Callable[[StepRecord], None]]:
-    """Show a progress bar inside the context; hand out what updates it.
+    """Show a progress bar inside the context; yield the function that updates it.
 
-    A terminal that is gone is no reason to end a run, nor one of its ranks.
+    Errors of the terminal are ignored: a closed terminal must not end a run.
 
     Args:
         console: Where to.

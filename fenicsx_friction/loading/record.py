@@ -15,7 +15,7 @@ class FailedAttempt:
     Attributes:
         time: Where it should have ended.
         step: Its size.
-        reason: The first words of what was wrong.
+        reason: The beginning of the error message.
     """
 
     time: float
@@ -33,11 +33,11 @@ class StepRecord:
         report: The report of the problem.
         energy: Its energy balance, or ``None`` without an audit.
         events: The nodes that changed state, by contact and node.
-        error: Relative step-doubling error of the tractions, of the pair of half steps this is
-            one of, or ``None`` without error control.
-        failed: The larger steps that were tried in vain before.
-        relaxed: Increments of viscous relaxation that the step took, 0 where it was solved at once.
-            The totals of ``report`` and its certificate are of the last one, without damping.
+        error: Relative step-doubling error of the tractions, for the pair of half steps that this
+            step belongs to; ``None`` without error control.
+        failed: The larger steps that were rejected before.
+        relaxed: Number of increments of viscous relaxation, 0 where the step was solved without.
+            ``report`` is of the last increment, which has no damping.
     """
 
     time: float

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 FIRST = 0.01
 #: Factors of the damping after an increment and after a failure.
 LESS, MORE = 0.3, 4.0
-#: Largest damping in the same unit: at it nothing moves any more.
+#: Largest damping in the same unit; with it, nothing moves.
 MOST = 100.0
 #: Increments that are tried at most, the failed ones included.
 MAX_INCREMENTS = 100
@@ -34,23 +34,23 @@ MAX_INCREMENTS = 100
 class ViscousRelaxation:
     """Lets a body that has no equilibrium nearby creep to the next one, at fixed loads.
 
-    Beyond a limit point a quasi-static path ends: the body snaps, and what it does until it rests
-    is dynamics. The relaxation replaces these by viscous forces ``eta (u - reference)`` a volume::
+    A quasi-static path ends at a limit point: the body snaps, and its motion until it rests is
+    dynamics. The relaxation replaces inertia by viscous forces ``eta (u - reference)`` a volume::
 
         relaxation = ff.ViscousRelaxation(u)
         F = internal + relaxation.residual(v)
         stepper = ff.LoadStepper(problem, loads, ..., relaxation=relaxation)
 
-    Where the smallest step fails, the stepper sets the loads of its end and makes damped increments
-    of an ever smaller ``eta``, and more after a failure. Each is a step with history: contact,
-    friction and slip path obey the unsmoothed law along the way. At last ``eta = 0``: only a state
-    that is certified without damping is accepted.
+    Where the smallest step fails, the stepper sets the loads of its end and makes damped
+    increments. ``eta`` falls after each increment and grows after a failure. Each increment is a
+    step with history: contact, friction and slip path obey the unsmoothed law. At the end
+    ``eta = 0``: only a state that is certified without damping is accepted.
 
-    A snap is dynamics, so the increments are not the path of the body in time. But a law that
-    depends on the slip rate divides by ``problem.dt``: the times of the increments must add up to
-    that of the step. The ``k``-th damped one takes ``1 / (k + 1)`` of the time that is left, the
-    last one all of it. However many they turn out to be, the last, whose state is kept, has an
-    equal share of the step, and those before, which carry the body furthest, the earlier the more.
+    The increments do not follow the body in time. But a law that depends on the slip rate divides
+    by ``problem.dt``. Therefore the times of the increments add up to that of the step. The
+    ``k``-th damped increment takes ``1 / (k + 1)`` of the time that is left, the last increment all
+    of it. The last one, whose state is kept, thus has an equal share of the step. Earlier ones move
+    the body further and have larger shares.
 
     Args:
         u: The displacement.
@@ -80,22 +80,22 @@ class ViscousRelaxation:
     def settle(
         self, problem: FrictionalContactProblem, accepted: Callable[[], None]
     ) -> tuple[StepReport, int]:
-        """Take the problem from its last accepted state to equilibrium under the present loads.
+        """Lead the problem from its last accepted state to equilibrium under the present loads.
 
         Args:
-            problem: The problem, with the loads and ``dt`` of the step set. ``dt`` is the last
-                increment's afterwards.
+            problem: The problem, with the loads and ``dt`` of the step set. Afterwards ``dt`` is
+                that of the last increment.
             accepted: Called after each increment.
 
         Returns:
             The report of the last increment, without damping, and the number of increments.
 
         Raises:
-            StepFailed: If it does not get there; the problem is somewhere on the way.
+            StepFailed: If it finds no equilibrium; the problem is then in an intermediate state.
         """
         settings = problem.settings
         try:
-            # More damping is cheaper than more ways to solve.
+            # More damping is cheaper than fallbacks.
             problem.settings = replace(settings, fallbacks=0, raise_on_uncertified=True)
             return self._creep(problem, accepted)
         finally:
@@ -133,7 +133,7 @@ class ViscousRelaxation:
         raise failure
 
     def _solve(self, problem: FrictionalContactProblem, eta: float, dt: float) -> StepReport:
-        """Make one increment of a time at a damping; without one once it is over."""
+        """Make one increment of length ``dt`` with damping ``eta``; then set it to zero."""
         problem.dt.value = np.asarray(dt)
         self.reference.x.array[:] = self._u.x.array
         self.damping.value = np.asarray(eta)

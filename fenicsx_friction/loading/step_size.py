@@ -15,7 +15,7 @@ from ..base.validators import integer, number, shown
 CUT, GROW = 0.5, 1.5
 #: Bounds of the factor that the step-doubling error asks for, and its safety.
 SHRINK_MOST, GROW_MOST, SAFETY = 0.1, 2.0, 0.9
-#: A step that would leave less than this fraction of itself to a stop goes to the stop.
+#: If less than this fraction of a step would remain up to a stop, the step ends at the stop.
 SLIVER = 1e-6
 #: Times that differ by this fraction of the largest are the same.
 ROUNDING = 1e-13
@@ -61,11 +61,11 @@ class StepSize:
         self._stops = self._inside(stops)
 
     def is_over(self, time: float) -> bool:
-        """Tell whether a time is the end, but for rounding."""
+        """Tell whether a time is the end, up to rounding."""
         return time >= self._end - self._rounding
 
     def goal(self, time: float) -> float:
-        """Return where the step from a time ends: at the next stop, if it reaches so far."""
+        """Return where the step from a time ends: at the next stop, if the step reaches it."""
         stop = next(t for t in self._stops if t > time)
         return stop if stop - time <= self.next * (1.0 + SLIVER) else time + self.next
 
@@ -104,7 +104,7 @@ class StepSize:
         return float(np.clip(SAFETY * np.sqrt(self.tolerance / error), SHRINK_MOST, most))
 
     def _check(self) -> None:
-        """Refuse sizes and times that make no path; one resumed at its end has no length."""
+        """Refuse sizes and times that make no path; it may have no length if resumed at its end."""
         if self._start > self._end + self._rounding:
             raise ContactInputError(
                 f"The path must go from start = {self._start} up to end, not down to {self._end}."
@@ -125,7 +125,7 @@ class StepSize:
                 f"stops = {shown(stops)} must not go beyond the end, {self._end}: {times[-1]} does."
             )
         inside: list[float] = []
-        for t in [*times, self._end]:  # from behind, so that the end stays what it is
+        for t in [*times, self._end]:  # later times replace nearly equal ones, so the end is exact
             while inside and inside[-1] >= t - self._rounding:
                 inside.pop()
             if t > self._start + self._rounding:

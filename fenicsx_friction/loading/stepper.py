@@ -28,7 +28,7 @@ from .step_solver import SolvedStep, StepSolver
 class LoadStepper:
     """Takes a problem along a path of loads, step by step.
 
-    Iterating makes steps; the loop may stop and be taken up again::
+    Iteration makes the steps; a loop may stop, and another one continue::
 
         for record in LoadStepper(problem, loads, end=1.0, step=0.1):
             print(record.time, record.report.iterations)
@@ -46,7 +46,7 @@ class LoadStepper:
 
     Args:
         problem: The problem, in its state at ``start``.
-        loads: Sets loads, boundary values and motions to those of a time, a function of nothing
+        loads: Sets loads, boundary values and motions to those of a time. It must depend on nothing
             else. Time is pseudo-time unless a law depends on rates (``problem.dt``, s).
         end: Where the path ends.
         start: Where it starts.
@@ -62,15 +62,15 @@ class LoadStepper:
         update: Called after each solved step, rejected ones included, to change ``history``.
         audit: Audits each accepted step.
         events: File for the events, see :class:`~fenicsx_friction.loading.events.EventLog`.
-        relaxation: Takes the body on where the smallest step fails; the problem's residual must
-            contain its, see :class:`~fenicsx_friction.loading.relaxation.ViscousRelaxation`.
+        relaxation: Used where the smallest step fails. The problem's residual must contain its
+            residual, see :class:`~fenicsx_friction.loading.relaxation.ViscousRelaxation`.
         progress: Show the progress on a terminal.
 
     Attributes:
         time: Where the last accepted step ended.
 
     Raises:
-        ContactInputError: On all ranks, for an argument that cannot be.
+        ContactInputError: On all ranks, for an argument that is not possible.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class LoadStepper:
         self._shown = progress and problem.comm.rank == 0 and self._console.is_terminal
 
     def __iter__(self) -> Iterator[StepRecord]:
-        """Make steps up to the end and hand out their records."""
+        """Make steps up to the end and yield their records."""
         bar = step_progress(self._console, self._start, self.end, shown=self._shown)
         with bar as show:
             while self._solved or not self._size.is_over(self.time):

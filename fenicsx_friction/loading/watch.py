@@ -19,21 +19,21 @@ from ..surfaces.naming import NODES_NAMED, describe
 from ..system.report import SubstepReport
 from ..system.system import ContactSystem
 
-#: Newton iterations that are looked at.
+#: Newton iterations that are recorded.
 WATCHED_ITERATIONS = 12
 
 
 class NodeWatch:
     """Records the states of the nodes in each Newton iteration, to name those that cycle.
 
-    Only the projection rows at ``eps = 0`` are looked at: their iterates have states.
+    It records only the projection rows at ``eps = 0``: only their iterates have states.
 
     Args:
         problem: The problem to watch.
     """
 
     def __init__(self, problem: ContactSystem) -> None:
-        # PETSc keeps what it calls: a strong reference would never be collected.
+        # PETSc keeps its callbacks: a strong reference would never be collected.
         self._problem = weakref.ref(problem)
         self._solver: PETSc.SNES | None = None
         self._watching = False
@@ -48,7 +48,7 @@ class NodeWatch:
         assert problem is not None
         if self._solver is not (solver := problem.projection.solver):
             self._solver = solver
-            solver.setMonitor(self._record)  # PETSc could only cancel all monitors, the user's too
+            solver.setMonitor(self._record)  # never removed: PETSc can only cancel all monitors
         told = problem.monitor
 
         def tell(report: SubstepReport) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Nodes of one surface put on the faces of another before anything is solved."""
+"""Puts the nodes of one surface on the faces of another, before the first step."""
 
 from mpi4py import MPI
 
@@ -20,9 +20,9 @@ def close_initial_gaps(
 ) -> float:
     """Move the nodes of the secondary surface onto the faces of the primary one; collective.
 
-    Faces of curved surfaces that touch cut through each other or gape. A solution could only begin
-    by pressing the overlaps apart; this moves the nodes of the mesh, without strain. Do it before
-    the contact surfaces and forms are made.
+    Faces of curved surfaces that touch overlap or leave gaps. Without this, the first step would
+    press the overlaps apart. This function moves the nodes of the mesh, without strain. Call it
+    before you make contact surfaces and forms.
 
     Args:
         msh: The mesh of both bodies, of linear cells; its geometry is changed.
@@ -51,7 +51,7 @@ def close_initial_gaps(
     dofs = surface.parent_dofs(V)
     everywhere = surface.S.dofmap.index_map.local_to_global(np.arange(len(dofs), dtype=np.int32))
     u.x.array.reshape(-1, d)[dofs] = way[everywhere]
-    # A rank may know a moved node without knowing the surface's facets there.
+    # A rank may have a moved node but not the facets of the surface there.
     moved = fem.Function(V)
     moved.x.array.reshape(-1, d)[dofs] = 1.0
     _spread(u, moved)
@@ -80,7 +80,7 @@ def _ways(nodes: FaceSet, faces: FaceSet, reach: float) -> npt.NDArray[np.floati
 
 
 def _spread(values: fem.Function, known: fem.Function) -> None:
-    """Give values that some ranks know to all: the mean of those known."""
+    """Give all ranks the values that some ranks have, as the mean of these."""
     for f in (values, known):
         f.x.scatter_reverse(InsertMode.add)
         f.x.scatter_forward()

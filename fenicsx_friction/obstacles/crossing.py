@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Crossings: which nodes have gone through the other surface on their way to where they are?
+"""Crossings: which nodes have gone through the other surface within a step?
 
-Within a step nodes and faces move on straight lines, seen from the moving primary surface: its
-mean rigid motion is taken off first, so that a common motion, however large, crosses nothing.
-A face is crossed where a node is a bit behind it, by ``depth``: nodes that slide along it are
-not, nor do rounding and the warp of quadrilaterals (which are taken as triangles) matter.
+Within a step nodes and faces move on straight lines, as seen from the moving primary surface. Its
+mean rigid motion is subtracted first, so that a common motion, however large, crosses nothing.
+A node crosses a face where it is behind it by ``depth``. This excludes nodes that slide along the
+face, rounding, and the warp of quadrilaterals, which are cut into triangles.
 """
 
 from collections.abc import Iterator
@@ -17,15 +17,15 @@ from ..surfaces.face_cells import Array
 from ..surfaces.faces import FaceSet
 from .ways import Indices, Mask, Way, area_vectors, sign_changes, simplices
 
-#: A node is behind a face at this fraction of the mean face, and beyond what the face is warped.
+#: A node is behind a face from this fraction of the mean face on, plus what the face is warped.
 DEPTH = 1e-3
-#: A face is entered within its edges but for this fraction of it ...
+#: A node may enter a face up to this fraction beyond its edges ...
 ENTER = 0.005
-#: ... and may be left a bit beyond: a path that leaves near an edge must find one face or other.
+#: ... and leave it up to this one: a path that leaves near an edge must find one of its faces.
 LEAVE = 0.1
 #: Cosine of the normals of entry and exit from which the exit is on the far side.
 FAR_SIDE = -0.1
-#: Nodes that are looked at together.
+#: Nodes that are tested together.
 BLOCK = 512
 
 
@@ -68,18 +68,18 @@ class _Events:
 
 
 def find_crossed(faces: FaceSet, motion: Motion, watched: Mask, started: Indices) -> Mask:
-    """Tell which nodes are behind a face, or beyond a body, that they had in front of them.
+    """Tell which nodes have gone behind a face, or through a body, within the step.
 
-    A face that looks at the node is entered; if the last event after that is an exit through a
-    face on the near side or a flank, a corner was cut. A node beyond the surface's edge has gone
-    over the edge if it moved more along the face than behind it.
+    A node enters a face that looks at it. If its last event is then an exit through a face on the
+    near side or on a flank, it has cut a corner, which is allowed. A node beyond the edge of the
+    surface has gone over the edge if it moved more along the face than behind it.
 
     Args:
         faces: The faces.
         motion: Positions in the step.
-        watched: Nodes that are asked for.
-        started: Face of each node at the beginning, or -1. Behind it already, the node counts as
-            just entering.
+        watched: Nodes to be tested.
+        started: Face of each node at the beginning, or -1. A node that is behind it already counts
+            as just entering.
     """
     motion = _seen_from_faces(motion)
     crossed = np.zeros(len(watched), dtype=bool)
@@ -97,7 +97,7 @@ def find_crossed(faces: FaceSet, motion: Motion, watched: Mask, started: Indices
 
 
 def _seen_from_faces(motion: Motion) -> Motion:
-    """Take the mean rigid motion of the faces off the positions at the end."""
+    """Subtract the mean rigid motion of the faces from the positions at the end."""
     old, new = motion.face_x
     c, d = old.mean(axis=0), new.mean(axis=0)
     U, _, Vt = np.linalg.svd((old - c).T @ (new - d))
@@ -112,7 +112,7 @@ def _seen_from_faces(motion: Motion) -> Motion:
 
 
 def _depth(faces: FaceSet, motion: Motion) -> float:
-    """Return how far behind a face a node has crossed it (m): an eighth of the warp is enough."""
+    """Return how far behind a face (m) a node has crossed it; an eighth of the warp is enough."""
     twist = faces.cell.twist()
     warp = 0.0
     if twist is not None:

@@ -25,7 +25,7 @@ from .side import Side
 
 #: Ratio of face sizes from which the secondary surface should be the primary one.
 COARSE = 1.5
-#: Nodes of a face with less weight have no part in a contact on its edge.
+#: Smaller weights of a face's nodes count as zero: a contact on an edge does not involve them.
 WEIGHTLESS = 1e-8
 
 
@@ -124,14 +124,14 @@ class NodeToFace(Pairing):
         return around - u[:, None], u, self.side.nodal(self.side.hint).copy()
 
     def _geometry(self, displacements: Array) -> PairGeometry:
-        """Collect the current configuration of this rank's pairs, as seen from the nodes.
+        """Collect the current configuration of this rank's pairs, with each node at the origin.
 
-        Coordinates, and motions of all together, round nothing away then.
+        So neither large coordinates nor a common motion add rounding.
         """
         own = self._secondary.own
         around = self.faces.X[self.nodes()] - self._secondary.X[own][:, None] + displacements
         x = np.zeros((len(around), self.side.d))
-        # From the same start whatever was evaluated before: the fields depend on pairs and
+        # Newton's start does not depend on earlier evaluations: the fields depend on pairs and
         # displacements only, to the last bit.
         start = self.pairs.xi
         xi = project(self.faces.cell, around[:, : self.faces.cell.nodes], x, start)
@@ -192,7 +192,8 @@ class NodeToFace(Pairing):
     def view(self, u: fem.Function) -> View:
         """Return how the faces look at the nodes; collective.
 
-        The cosine is the least of all faces, the gap that of the nearest, wherever it looks.
+        The cosine is the smallest of all faces. The gap is that of the nearest face, which may
+        look away from the node.
         """
         x, own = self._secondary.positions(u), self._secondary.own
         directions, face_x = self._secondary.node_normals(x)[own], self.faces.positions(u)
@@ -230,14 +231,15 @@ class NodeToFace(Pairing):
         return self.primary.parent_dofs(V)[: self.primary.num_owned]
 
     def rounding(self) -> Array:
-        """Return how far away from each node the nodes are that it meets (m)."""
+        """Return the largest distance of each node from the face nodes that it meets (m)."""
         self.update()
         return np.asarray(np.max(abs(self._now.z), axis=(1, 2)) * self.pairs.paired)
 
     def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
         """Keep the directions in which the node and all that it meets are prescribed.
 
-        A node without a face keeps up to all but one of its directions, as on symmetry planes.
+        A node without a face keeps its prescribed directions, as on symmetry planes, unless all
+        its directions are prescribed.
         """
         primary = self.faces.gather_dofs(fixed.x.array) > 0.5
         self.update()

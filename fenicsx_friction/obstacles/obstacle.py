@@ -30,7 +30,7 @@ class Obstacle(ABC):
 
     @abstractmethod
     def meet(self, side: Side) -> Pairing:
-        """Return what keeps, for each node of a side, what it meets of the obstacle; collective."""
+        """Return the pairing: what each node of a side meets of the obstacle; collective."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class View:
         cosine: Of the obstacle's normal and the surface's averaged outward normal, -1 where they
             oppose each other.
         gap: Distance in front of the obstacle (m); infinite beyond the edge of a surface.
-        lost: How deep (m) the node is behind what it should meet and is too deep to; else 0.
+        lost: Depth (m) of a node behind a face that it should meet but is too deep to meet; else 0.
     """
 
     cosine: Array
@@ -50,7 +50,7 @@ class View:
 
 
 class Pairing(ABC):
-    """What each owned node of a side meets: its kinematics, and whom its force acts on.
+    """What each owned node of a side meets: its kinematics, and the points its force acts on.
 
     The kinematics of a node depend on the displacements of a few points, its *stencil*: the node
     itself comes first. The force on the node is shared by the first points of the stencil in
@@ -135,7 +135,7 @@ class Pairing(ABC):
     # -- what else is asked of an obstacle -------------------------------------------------------
 
     def view(self, u: fem.Function) -> View:
-        """Return how the obstacle looks at the surface; collective."""
+        """Return how the obstacle looks at the surface at a displacement; collective."""
         cosine = np.sum(self.normals() * surface_normals(self.side.surface, u), axis=1)
         gap = self.gaps().copy()
         return View(cosine, gap, np.zeros_like(gap))
@@ -154,9 +154,9 @@ class Pairing(ABC):
         return np.zeros(0, dtype=np.int32)
 
     def rounding(self) -> Array:
-        """Return the lengths (m), beside displacements, whose last digits gaps and slips round to.
+        """Return lengths (m), one an owned node, whose rounding gaps and slips contain; collective.
 
-        They are those of the coordinates and the obstacle's motion; one an owned node; collective.
+        They come from coordinates and from the obstacle's motion; displacements count apart.
         """
         return np.zeros(self.side.surface.num_owned)
 
@@ -164,7 +164,7 @@ class Pairing(ABC):
         """Tell which nodes have gone through the obstacle since the last step; collective.
 
         Args:
-            closed: Owned nodes that are held by a closed contact: they are not asked for.
+            closed: Owned nodes that a closed contact holds; they are not tested.
 
         Returns:
             One flag an owned node.

@@ -2,13 +2,13 @@
 """The contact element in UFL: kinematics of a node against a face, compiled by FFCx.
 
 One element is a cell of a mesh of points. Its dofs are the current positions of the node, of the
-nodes of the face that it meets, and of the face on which the point lies that it met at the last
-accepted step. Out come, with their exact derivatives by all dofs::
+nodes of the face that it meets, and of the nodes of its old face: the face that it met at the last
+accepted step. The element returns, with their exact derivatives by all dofs::
 
     gap, way (d), normal (d)[, first tangent (3, only in 3D)], shape functions of the projection
 
-``way`` leads from where the last step's contact point of the face is now to where the node is: it
-vanishes under a common rigid motion and knows no edges between faces.
+``way`` leads from the material point that the node met at the last accepted step, where it is now,
+to the node. It vanishes under a common rigid motion and does not see the edges between faces.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from ..surfaces.face_cells import Array, FaceCell, newton_step, weighted
 
 @dataclass(frozen=True)
 class PairGeometry:
-    """What the contact element knows of a current configuration, one row a pair.
+    """The inputs of the contact element, one row a pair.
 
     Attributes:
         z: Positions (m) of the node, the face's nodes and the old face's nodes (n, 1 + 2 k, d).

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Passages: which nodes have gone through a rigid obstacle on their way to where they are?
+"""Passages: which nodes have gone through a rigid obstacle within a step?
 
-A node is open before and after it has passed right through a small obstacle within one step. Its
-way is a straight line in the frame of the obstacle. It has passed if it dives into the obstacle
-and the normals of entry and exit oppose each other: a node that rolls along cuts a corner only.
+A node that passes through a small obstacle within one step is open before and after it. Its way is
+a straight line in the frame of the obstacle. It has passed through if it dives into the obstacle
+and the normals of entry and exit oppose each other. A node that only cuts a corner has not.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from .motion import RigidMotion
 from .obstacle import Mask, Pairing
 from .side import Side
 
-#: Points on a way. What is thinner than this part of it may be missed.
+#: Points on a way. An obstacle thinner than the way over this number may be missed.
 SAMPLES = 32
 #: Nodes dive into an obstacle at gaps below this fraction of their facets' size.
 DIVE = 1e-6
@@ -32,8 +32,8 @@ def ways(side: Side, motion: RigidMotion | None) -> tuple[Array, Array]:
 def through_ball(start: Array, end: Array, radius: float) -> Mask:
     """Tell which ways pass through a ball about the origin.
 
-    The normals of entry and exit enclose more than a right angle on chords that come nearer to the
-    center than ``radius / sqrt(2)``.
+    On a chord nearer to the center than ``radius / sqrt(2)``, the normals of entry and exit enclose
+    more than a right angle.
     """
     way = end - start
     length = np.maximum(np.sum(way * way, axis=1), np.finfo(float).tiny)
@@ -45,9 +45,9 @@ def through_ball(start: Array, end: Array, radius: float) -> Mask:
 def through_anything(pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
     """Tell which open nodes' ways pass through the obstacle, by its gap; collective.
 
-    Looked at are ways longer than the gaps at both ends (a shorter one meets nothing where gaps
-    are distances), and those whose normals at the ends oppose each other. The displacement is as
-    before afterwards.
+    It tests ways longer than the gaps at both ends together (a shorter way meets nothing where gaps
+    are distances), and ways whose normals at the ends oppose each other. It puts the displacement
+    back.
     """
     side = pairing.side
     values = side.u.x.array.reshape(-1, side.d)

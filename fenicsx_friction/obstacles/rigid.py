@@ -51,10 +51,11 @@ class RigidObstacle(Obstacle):
         return self.shape(x if self.motion is None else self.motion.undo(x))
 
     def way(self, X: Expr, u: Expr, u_old: Expr) -> Expr:
-        """Return the node's way (m) from where the obstacle's point once under it is now.
+        """Return the node's way (m) in the step, relative to the obstacle.
 
-        A motion of node and obstacle together as one rigid body adds nothing to it. Coordinates,
-        which would round it, enter only where the obstacle turns.
+        It starts at the obstacle's point under the last position, where that point is now. A motion
+        of node and obstacle as one rigid body adds nothing. Coordinates would add rounding; they
+        enter only where the obstacle turns.
         """
         step = u - u_old
         return step if self.motion is None else step - self.motion.carried_along(X + u_old)
@@ -84,7 +85,7 @@ class RigidObstacle(Obstacle):
         return self
 
     def rounding(self, pairing: Pairing) -> Array:
-        """Return the lengths (m) that coordinates round to, see ``Pairing.rounding``."""
+        """Return the lengths (m) whose rounding gaps contain, see ``Pairing.rounding``."""
         x, normals = pairing.positions(), abs(pairing.normals())
         lengths = np.sum(normals * abs(x), axis=1)
         if self.motion is not None:
@@ -99,7 +100,7 @@ class RigidObstacle(Obstacle):
             pairing: The pairing; the displacement is put back if it is changed.
             start: Where local nodes were (m), carried along by the obstacle.
             end: Where they are (m).
-            open_: Owned nodes that are asked for.
+            open_: Owned nodes to be tested.
         """
         return through_anything(pairing, start, end, open_)
 
@@ -144,10 +145,11 @@ class RigidPairing(Pairing):
         return self.side.owned(values)[:, None]
 
     def rounding(self) -> Array:
-        """Return what gaps round to.
+        """Return the lengths whose rounding gaps contain.
 
-        Slips round to the motion of a step: where it is large, a node slides, and only the
-        direction matters, or it moves along, and displacements count anyway.
+        The rounding of slips needs no entry: it is that of the motion in a step. Where this motion
+        is large, either the node slides, and only the direction of the slip matters; or the node
+        moves with the obstacle, and its displacement counts anyway.
         """
         return self.obstacle.rounding(self)
 

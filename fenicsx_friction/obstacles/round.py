@@ -55,7 +55,7 @@ class RigidSphere(RigidObstacle):
         return replace(self, pole=pole)
 
     def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
-        """Tell which open nodes pass through the sphere; no straight way does leave a socket."""
+        """Tell which open nodes pass through the sphere; straight ways leave no socket."""
         if self.inside:
             return np.zeros_like(open_)
         first, last = self.undone(start[: len(open_)]), self.undone(end[: len(open_)])
@@ -110,7 +110,7 @@ class RigidCylinder(RigidObstacle):
         return replace(self, pole=pole)
 
     def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
-        """Tell which open nodes pass through the cylinder; no straight way does leave a bearing."""
+        """Tell which open nodes pass through the cylinder; straight ways leave no bearing."""
         if self.inside:
             return np.zeros_like(open_)
         axis = np.array(unit(self.axis, "The cylinder's axis"))
@@ -163,9 +163,10 @@ def _distance(
 ) -> Expr:
     """Return the distance from a ball.
 
-    ``|X - c| - R`` is known to the digits of ``R`` only. With a point ``p`` of the surface near the
-    body, ``q = p - c`` and ``y = X - p`` it is ``(|y|^2 + 2 q . y + |q|^2 - R^2) / (|y + q| + R)``,
-    where nothing large is subtracted, if ``|q|^2 - R^2`` is taken from exact fractions.
+    ``|X - c| - R`` has the absolute rounding error of ``R``. Take a point ``p`` of the surface near
+    the body, ``q = p - c`` and ``y = X - p``. Then the distance is
+    ``(|y|^2 + 2 q . y + |q|^2 - R^2) / (|y + q| + R)``. No large numbers are subtracted, because
+    ``|q|^2 - R^2`` comes from exact fractions.
     """
     if pole is None:
         d = X - ufl.as_vector([*map(float, center)])
@@ -179,9 +180,9 @@ def _distance(
 
 
 def _direction(away: Array) -> tuple[float, ...]:
-    """Return a unit vector about along another, along an axis where that is near.
+    """Return a unit vector nearly along another, along an axis where that is near.
 
-    It is rounded, so that forms do not depend on the last digits of a mesh or on its partition.
+    It is rounded, so that it does not depend on the last digits of a mesh or on its partition.
     """
     length = np.linalg.norm(away)
     rounded = np.round(away / length, 1) if length > 0.0 else np.eye(len(away))[0]

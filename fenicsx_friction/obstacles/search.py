@@ -37,8 +37,8 @@ class SearchPolicy:
             twice the mean diameter of the faces.
         enter: How far beyond the surface's edge, in face lengths, a node may be to be paired.
         leave: How far beyond the edge it may slide before it is let go.
-        keep: Nodes do not go back to a face that they have met in this step before they have left
-            the present one by this, in face lengths, lest they change for ever at a fold.
+        keep: A node goes back to a face that it has met in this step only after it has left the
+            present one by this, in face lengths. This prevents endless changes at a fold.
     """
 
     reach: float | None = None
@@ -102,9 +102,9 @@ def find_pairs(
         faces: The faces.
         face_x: Positions of their nodes (m).
         x: Positions of the nodes to be paired (m).
-        directions: Their averaged normals; a face looks at a node if the normals oppose.
+        directions: Their averaged normals. A face looks at a node if the two normals oppose.
         policy: What to accept.
-        held: Nodes that are let go at ``policy.leave`` only.
+        held: Nodes that keep a face up to ``policy.leave``; the others up to ``policy.enter``.
         last: The pairs so far.
         keep: Fraction of a face by which a node may have left its last face and still keep it, for
             all nodes or for each.
@@ -197,7 +197,7 @@ def _candidates(
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return nodes and faces that may be pairs, from a tree of the faces' centers.
 
-    No face is nearer than its center is, less its radius, nor farther than its center.
+    The distance ``d`` of a face with center ``c`` and radius ``r`` obeys ``|c| - r <= d <= |c|``.
     """
     corners = face_x[faces.faces]
     center, radius = _balls(corners)

@@ -38,7 +38,7 @@ class Side:
         return int(self.surface.mesh.geometry.dim)
 
     def owned(self, values: npt.NDArray) -> npt.NDArray:
-        """Return what a local array over the displacement's dofs holds at the owned nodes."""
+        """Return the entries of a local array over the displacement's dofs at the owned nodes."""
         return values.reshape(-1, self.d)[self.parent_dofs[: self.surface.num_owned]]
 
     def nodal(self, f: fem.Function) -> Array:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Cells that no body can have: without volume, inverted in part, or folded on their neighbours."""
+"""Refuses cells without volume, cells inverted in part, and cells folded on their neighbours."""
 
 import numpy as np
 import numpy.typing as npt

@@ -130,8 +130,8 @@ def weighted(weights: Sequence[Any], points: Sequence[Any]) -> Any:
 def newton_step(cell: FaceCell, xi: Sequence[Any], face: Any, x: Any, dot: Any) -> list[Any]:
     """Return ``xi`` after one Newton step towards the orthogonal projection of ``x``.
 
-    From the projection itself the step is zero and has the exact derivative of the projection
-    with respect to ``x`` and ``face``, also where the face is bilinear: this is how UFL gets it.
+    From the projection itself the step is zero, but its derivative with respect to ``x`` and
+    ``face`` is the exact derivative of the projection, on bilinear faces too. UFL gets it this way.
 
     Args:
         cell: Kind of face.
@@ -176,7 +176,7 @@ def project(cell: FaceCell, face: Array, x: Array, start: Array | None = None) -
         start: Reference coordinates to start from; the center by default.
 
     Returns:
-        Reference coordinates (n, dim); not a number where Newton finds none.
+        Reference coordinates (n, dim); NaN where Newton's method does not converge.
     """
     xi = np.tile(cell.center, (len(x), 1)) if start is None else start.copy()
     nodes = [face[:, i].T for i in range(cell.nodes)]

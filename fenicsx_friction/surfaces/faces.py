@@ -16,8 +16,8 @@ from .surface import ContactSurface
 class FaceSet:
     """Nodes and faces of a contact surface on all ranks, in the order of global node numbers.
 
-    A surface is small beside its body: having it whole on each rank makes search and kinematics
-    local, wherever the two bodies live.
+    A surface is small beside its body. Every rank has the whole surface, so that search and
+    kinematics are local, whichever ranks own the two bodies.
 
     Args:
         surface: The surface.
@@ -27,7 +27,7 @@ class FaceSet:
         cell: Kind of the faces.
         X: Reference coordinates of the nodes (m).
         faces: Nodes of each face, in an order that makes the normal point out of the body.
-        priority: Order of the faces that no partition changes, to decide ties.
+        priority: An order of the faces that does not depend on the partition; decides ties.
         size: Mean diameter of the faces (m).
     """
 
@@ -56,7 +56,7 @@ class FaceSet:
         return gather_rows(self._surface.mesh.comm, rows, self._counts)
 
     def gather_dofs(self, values: npt.NDArray) -> npt.NDArray:
-        """Return what a local array over the displacement's dofs holds at all nodes; collective."""
+        """Return the entries of an array over the displacement's dofs at all nodes; collective."""
         return self.gather(values.reshape(-1, self.X.shape[1])[self._dofs])
 
     def positions(self, u: fem.Function | None = None) -> Array:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """One subdomain_data for the user's boundary terms.
 
-A DOLFINx form accepts a single ``subdomain_data`` object per integral type, and drops what is over
-ids that it does not know. All boundary terms therefore share a list of integration entities.
+A DOLFINx form accepts a single ``subdomain_data`` object per integral type. It drops terms over ids
+that this object does not have. All boundary terms therefore share one list of integration entities.
 """
 
 import numbers

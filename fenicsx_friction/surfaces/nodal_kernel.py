@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """UFL expressions at the nodes of a contact surface, with exact derivatives.
 
-Each node is a point of its own: what stands in an expression, be it a field, a Constant or a
-number, is copied to a mesh of points, on which FFCx compiles a few lines. A field that is no nodal
-one of the surface counts with its mean over the facets round the node.
+Each node is a point of its own. Fields, Constants and numbers of an expression are copied to a mesh
+of points; FFCx compiles the expression there, a few lines of code. A field without values at the
+nodes, such as a gradient, counts with its mean over the facets round the node.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from ..surfaces.cells import check_cells
 from ..surfaces.elements import check_displacement
 from .conditions import check_conditions
 
-#: What PETSc takes for the beginning of an option.
+#: Names that PETSc accepts for options.
 PREFIX = re.compile(r"[A-Za-z][!-~]*")
 
 
@@ -53,7 +53,7 @@ def check_problem(
     petsc_options: object,
     entity_maps: object,
 ) -> None:
-    """Raise a ContactInputError for what can be seen from the arguments; collective."""
+    """Raise a ContactInputError for arguments that cannot make a problem; collective."""
     _check_options(prefix, petsc_options)
     maps = [] if entity_maps is None else entity_maps
     maps = instances(maps, mesh.EntityMap, "entity_maps", "a dolfinx.mesh.EntityMap")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What Dirichlet conditions, on a space or on parts of it, say of its dofs."""
+"""Queries of Dirichlet conditions: which dofs they hold, and at which values."""
 
 from collections.abc import Sequence
 

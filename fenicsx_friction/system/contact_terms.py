@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """How contact enters the equations: nodal forces, rows of the laws, and their derivatives.
 
-The bulk is assembled from forms. Contact is node-local: an element is the stencil of one node and
-its multipliers, whoever the node meets. The pairing brings kinematics and their derivatives, the
-laws' rows are differentiated in UFL; here they are chained.
+The bulk is assembled from forms; the forms contain no contact. This module adds it node by node: an
+element is the stencil of one node with its multipliers, for any kind of obstacle. The pairing gives
+the kinematics and their derivatives, UFL those of the rows. The chain rule joins them here.
 """
 
 from __future__ import annotations
@@ -71,11 +71,11 @@ class ContactTerms:
 
     @property
     def versions(self) -> tuple[int, ...]:
-        """What changes with the stencils."""
+        """Numbers that change with the stencils, one a contact."""
         return tuple(k.pairing.version for k in self._contacts)
 
     def update(self) -> None:
-        """Follow the displacement."""
+        """Evaluate the kinematics at the present displacement."""
         for k in self._contacts:
             k.pairing.update()
 
@@ -128,7 +128,7 @@ class ContactTerms:
         for k, values, rows in zip(self._contacts, self.residuals(law), c_rows, strict=True):
             _add(b, k.pairing.side.nodal_entries(rows), values)
         missing = [with_conditions(f, self._bcs) - f.x.array for f in self._unknowns]
-        # A prescribed value that Newton has yet to reach moves what is near with it.
+        # Until Newton reaches a prescribed value, its missing part acts on the neighbours.
         if any_rank(self._comm, any(bool(np.any(m != 0.0)) for m in missing)):
             for i, (matrix, rows) in enumerate(
                 zip(self.matrices(law), self.columns(law), strict=True)
@@ -155,11 +155,11 @@ class ContactTerms:
     def _of_elements(
         self, i: int, law: Law, values: Sequence[npt.NDArray], missing: float
     ) -> npt.NDArray:
-        """Return what arrays over the dofs of all unknowns hold at the elements of a contact.
+        """Return the entries of arrays over the dofs of all unknowns, at a contact's elements.
 
         Args:
             i: The contact.
-            law: Tells of further unknowns.
+            law: Its rows name the further unknowns.
             values: One array for each unknown.
             missing: Stands for points that a stencil does not have.
         """
@@ -205,7 +205,7 @@ def _element_matrices(k: Contact, kernel: NodalKernel) -> Array:
 
 
 def _add(vector: PETSc.Vec, rows: Indices, values: Array) -> None:
-    """Add values to rows of any rank, but to rows ``-1``."""
+    """Add values to rows of any rank; rows ``-1`` are left out."""
     vector.setOption(PETSc.Vec.Option.IGNORE_NEGATIVE_INDICES, True)
     vector.setValues(
         rows.ravel().astype(PETSc.IntType), values.ravel(), addv=PETSc.InsertMode.ADD_VALUES

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Equations beside the momentum balance: what their rows are measured by."""
+"""Equations beside the momentum balance, and the scales of their rows."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from ..certificate.groups import Array, Groups, number_bodies
 from ..certificate.scales import DIGITS, Scales
 from .conditions import with_conditions
 
-#: How much of a row depends on the displacement, at a strain of one, to be measured by forces.
+#: A row is measured by forces if a strain of one changes more than this fraction of it.
 LINKED = 1e-6
-#: Numbers of cells times the golden ratio: neighbours get fractions far from each other.
+#: Fractional parts of cell number times golden ratio differ much between neighbours.
 GOLDEN = (1.0 + 5.0**0.5) / 2.0
 
 
 class FurtherEquation:
     """A further equation of the user, such as that of heat; all methods are collective.
 
-    At the solution, what flows from the cells through each node has the sum zero. Multiplied by a
-    number for each cell, the sum is of the size of the flows instead, whatever constant is added
-    to the unknown: this is what residuals are compared with, in each body apart. The rows of an
-    equation that contains the displacement are also compared with the forces. Where flows are faint
-    beside the unknowns, a residual may be what rounding makes of these.
+    At the solution, the flows from the cells to a node add up to zero. If the flow of each cell is
+    first multiplied by a number of its own, the sum has the size of the flows. It does not change
+    if a constant is added to the unknown. Residuals are compared with this sum, in each body apart.
+    The rows of an equation that contains the displacement are also compared with the forces. Where
+    flows are faint beside the unknowns, a residual may reach the rounding error that these cause.
 
     Args:
         residual: The equation.
@@ -45,12 +45,12 @@ class FurtherEquation:
         entity_maps: Entity maps of all meshes in the equation.
 
     Attributes:
-        linked: Whether it depends on the displacement, now.
-        unit: What brings a row to the unit of a force, if it is linked; else one.
+        linked: Whether it depends on the displacement at the start.
+        unit: Factor that brings a linked row to the unit of a force; else one.
         number: Number of bodies.
         body: Body of each owned dof of the unknown.
         slope: Derivative of each owned row by its own unknown.
-        row_factors: What makes the conditions on the unknown commensurate with the rows.
+        row_factors: Factors that bring conditions on the unknown to the unit of the rows.
     """
 
     #: What :meth:`begin` sets: arrays that are replaced, never changed.
@@ -119,7 +119,7 @@ class FurtherEquation:
         )
 
     def _hidden(self) -> Array:
-        """Return what rounding makes of the unknowns in a row of each body."""
+        """Return the rounding error that the unknowns cause in a row of each body."""
         most = np.zeros(self.number)
         for f, norm, groups in zip(self._others, self._norms, self._bodies, strict=True):
             values = np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs)))

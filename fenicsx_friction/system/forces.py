@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The forces that meet in each body and in each contact of a problem."""
+"""The scales of a problem: the forces in each body and the tractions of each contact."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from .equations import FurtherEquation
 from .noise import rounding_errors
 from .row_groups import RowGroups
 
-#: Newton stops where what is left of a residual is this share of what rounding hides.
+#: Newton stops where a residual is this share of its estimated rounding error.
 SHARE = 0.25
-#: Rounding errors of forces may be so many times those of one trial, and at most this part of
-#: stiffness times cell size.
+#: Rounding errors of forces may be this many times those of one measurement, and at most this
+#: fraction of stiffness times cell size.
 NOISE, MOST_NOISE = 4.0, 1e-11
-#: A condition is met at this distance, relative to the largest value.
+#: A condition is met up to this distance, relative to the largest value.
 MISSED = 1e-12
 
 
 class ForceScales:
-    """Measures the groups of a problem; all methods are collective.
+    """Finds the scale of each group of a problem; all methods are collective.
 
     The groups are the bodies (forces, N), the bodies of each contact (tractions, Pa), and the
     bodies of each equation beside the momentum balance.
@@ -93,7 +93,7 @@ class ForceScales:
         self.begin()
 
     def begin(self) -> None:
-        """Keep the forces at the start of a step, under its new loads, and what is prescribed."""
+        """Keep the forces at the start of a step, under its new loads and boundary values."""
         forces = np.maximum(self._all.largest(abs(self._momentum())), self._contact_forces())
         self._forces = self._over_ranks(forces)
         self._noise = np.zeros(self.number)
@@ -103,7 +103,7 @@ class ForceScales:
             np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs))) for f in self._unknowns
         ]
         given = self._over_ranks(self._all.largest(there[0][: len(self._stiffness)]))
-        # Bodies that meet hand each other the rounding of their forces and displacements.
+        # Bodies that meet share the rounding of their forces and displacements.
         noise = DIGITS * np.stack([self._stiffest * given, given])
         linked = [np.max(noise[:, self._linked == part], axis=1) for part in self._linked]
         self._given, self._length = np.transpose(linked)
@@ -128,7 +128,7 @@ class ForceScales:
         return self._rows.row_factors
 
     def save(self) -> object:
-        """Return what the start of a step left, see :meth:`begin`; not collective."""
+        """Return what :meth:`begin` has set; not collective."""
         return [(part, {k: getattr(part, k) for k in part.AT_START}) for part in self._measured]
 
     def restore(self, saved: Any) -> None:
@@ -137,9 +137,9 @@ class ForceScales:
             vars(part).update(values)
 
     def find_noise(self) -> None:
-        """Find what rounding leaves of the forces of this state, until it is looked for again."""
+        """Measure the rounding errors of the forces at this state, until the next step or call."""
         momentum, *others = rounding_errors(self._unknowns, self._residuals)
-        # More would not be rounding: a residual of numbers out of bounds, or with a kink.
+        # More than this is not rounding: displacements are out of bounds, or there is a kink.
         most = MOST_NOISE * self._stiffest * self._size
         noise = self._over_ranks(NOISE * self._all.largest(momentum))
         self._noise = np.where(noise <= most, noise, 0.0)
@@ -165,7 +165,7 @@ class ForceScales:
             return np.inf
         found = self.residuals(rows)
         contacts = slice(self.number, self.number * (1 + len(self._contacts)))
-        for reactions in (False, True):  # they cost an assembly
+        for reactions in (False, True):  # reactions cost an assembly
             excess = self.scales(reactions=reactions).excess(*found, tolerance, SHARE)
             if np.max(excess) <= 1.0 or np.max(excess[contacts], initial=0.0) > 1.0:
                 break

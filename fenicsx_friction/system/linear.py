@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The direct solver: is it there, and why did a factorisation fail.
+"""The direct solver: whether it is installed, and why a factorisation failed.
 
 How failures surface in PETSc 3.25 (seen with MUMPS 5.8, on 1 and 2 ranks):
 
@@ -8,11 +8,11 @@ How failures surface in PETSc 3.25 (seen with MUMPS 5.8, on 1 and 2 ranks):
   ``PC.getFailedReason`` is coarse: MUMPS' -10 is 2, -9 is 3, -19 is 4. ``INFOG`` tells more, the
   same on all ranks, until the next factorisation. (Before the first one PETSc crashes when asked.)
 * A NaN in the matrix is a zero pivot for MUMPS (-10): only the matrix itself tells the difference.
-* The factor is spoilt then. The next solve, with a good matrix, raises ``PETSc.Error`` 76 (MUMPS
+* The factor is then unusable. The next solve, with a good matrix, raises ``PETSc.Error`` 76 (MUMPS
   says -3, calls out of order), or returns the old failure: :func:`forget_factor` first. A SNES
   works again after that. (A bare KSP needs ``setOperators`` again, else error 73.)
 * A new factor reads its ``mat_mumps_...`` options from PETSc's database, under the prefix of the
-  SNES. They must still be there, or there again, when it is made: at the first solve, not before.
+  SNES. They must be there when the factor is made: at the first solve, not before.
 * A missing package raises ``PETSc.Error`` 92 at the first solve: :func:`require_solver` before it.
 """
 
@@ -110,18 +110,18 @@ def factor_failure(snes: PETSc.SNES) -> str:
 
 
 def out_of_memory(snes: PETSc.SNES) -> bool:
-    """Tell whether the last factorisation failed for want of memory: no other step helps then."""
+    """Tell whether the last factorisation ran out of memory; smaller steps do not help then."""
     code, _ = _mumps_code(snes.getKSP())
     return code in (*WORKSPACE, *ALLOCATION, LIMITED, OUT_OF_CORE)
 
 
 def forget_factor(snes: PETSc.SNES) -> None:
-    """Make the next solve set its preconditioner up from nothing; collective."""
+    """Discard the factor, so that the next solve makes a new one; collective."""
     snes.getKSP().getPC().reset()
 
 
 def _mumps_code(ksp: PETSc.KSP) -> tuple[int, int]:
-    """Return ``INFOG(1)`` and ``INFOG(2)``; zeros of other solvers, or before a factorisation."""
+    """Return ``INFOG(1)`` and ``INFOG(2)``; zeros before a factorisation or with other solvers."""
     pc = ksp.getPC()
     if pc.getType() not in ("lu", "cholesky") or pc.getFactorSolverType() != "mumps":
         return 0, 0

@@ -21,12 +21,12 @@ from .snes_callbacks import Callbacks
 
 
 class Newton:
-    """A ``NonlinearProblem`` of all unknowns, whose rows of contact a substep chooses.
+    """A ``NonlinearProblem`` of all unknowns; each substep brings its rows of contact.
 
-    Forms are compiled at the first use.
+    The matrix and its factor belong to all substeps. Forms are compiled at the first use.
 
     Args:
-        forms: Residual blocks; those of the multipliers hold their place only.
+        forms: Residual blocks; those of the multipliers are empty and only keep their place.
         unknowns: The Functions solved for.
         bcs: Dirichlet conditions on any of them.
         prefix: Prefix of the PETSc options.
@@ -81,7 +81,7 @@ class Newton:
         return self._problem
 
     def discard(self) -> None:
-        """Forget solver and matrices, which an error may have left half done."""
+        """Forget solver and matrices, which may be incomplete after an error."""
         self._problem = self.callbacks = None
 
     def solver(self, prefix: str) -> PETSc.SNES:
@@ -95,7 +95,7 @@ class Newton:
         return snes
 
     def prepare(self, snes: PETSc.SNES, law: Law) -> PETSc.Vec:
-        """Make ready for a solve of a substep from the present unknowns; returns their vector."""
+        """Prepare a solve of a substep from the present unknowns; return their vector."""
         problem = self.problem
         assign(problem.u, problem.x)
         assert self.callbacks is not None

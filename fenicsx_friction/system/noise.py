@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""The rounding errors of a residual, found by trying it out.
+"""The rounding errors of a residual, measured.
 
-A stress of finite strain is the difference of numbers of the size of the stiffness, so that small
-ones round as large ones would. What a residual hides depends on how it is written: it is seen from
-its second difference, which is nothing but rounding when the difference is small.
+A stress at finite strain is a difference of numbers of the size of the stiffness. So a small stress
+has the same rounding error as a large one. How large it is depends on how the residual is written.
+Its second difference over a very small step shows it: this consists of rounding only.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,8 +15,8 @@ import numpy.typing as npt
 from dolfinx import fem, mesh
 
 Array = npt.NDArray[np.floating]
-#: Strain of the difference, and its part of further unknowns: many digits of a deformation
-#: gradient, next to nothing to a kink.
+#: Strain of the step, and its fraction of further unknowns: large enough to change many digits of a
+#: deformation gradient, small enough to meet hardly any kink.
 PERTURBATION = 1e-12
 
 
@@ -26,7 +26,7 @@ def rounding_errors(
     """Return the rounding errors of residuals at the present state; collective.
 
     Args:
-        unknowns: The unknowns of the bulk, displacement first; as they were afterwards.
+        unknowns: The unknowns of the bulk, displacement first; their values are put back.
         residuals: Assembles the rows of the owned dofs, one array an equation.
     """
     comm = unknowns[0].function_space.mesh.comm

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""PETSc options of one solver, which no later solver must find."""
+"""PETSc options of one solver, hidden from later solvers."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -22,7 +22,7 @@ DEFAULT_OPTIONS: dict[str, object] = {
 def inside(solver: PETSc.Object, options: Mapping[str, object]) -> Iterator[None]:
     """Put options into PETSc's database inside the context only.
 
-    A later solver of the same prefix must not find them; MUMPS reads its own as late as in the
+    A later solver with the same prefix must not find them. MUMPS reads its options only at the
     first factorisation.
     """
     database = PETSc.Options(solver.getOptionsPrefix())

@@ -25,7 +25,7 @@ class StepSettings:
         normal: Normal complementarity function, ``"chen-mangasarian"`` (the paper's),
             ``"fischer-burmeister"`` or ``"min"``.
         fallbacks: How many further ways to try when full Newton steps fail; all by default. Where a
-            step can be cut instead, few are cheaper, see
+            smaller step is possible, a few are cheaper, see
             :data:`fenicsx_friction.increment.correctors.FALLBACKS`.
         raise_on_uncertified: Raise :class:`~fenicsx_friction.StepFailed`, or else return the report
             with ``certified == False``. The state is the last accepted one either way.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Residual and Jacobian as the SNES calls them: what the forms give, and contact."""
+"""Residual and Jacobian as the SNES calls them: the forms of the bulk, plus contact."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,15 +15,16 @@ from .contact_terms import ContactTerms, Law
 
 
 class Callbacks:
-    """Takes the place of the callbacks that DOLFINx has set; collective.
+    """Replaces the callbacks that DOLFINx has set; collective.
 
-    Rows of prescribed dofs hold a displacement (m) among forces. They are multiplied by a
-    stiffness, so that line searches and norms do not depend on units; Newton's steps do not change.
+    Rows of prescribed dofs hold a displacement (m), the others forces. The former are multiplied by
+    a stiffness, so that line searches and norms do not depend on units. Newton's steps stay the
+    same.
 
     The matrix of the forms keeps its own sparsity. The SNES solves with the sum of it and the
     elements of contact, whose sparsity is made anew when stencils change.
 
-    It must not hold the SNES: in a cycle through PETSc, each rank's garbage collector would choose
+    It must not hold the SNES: a cycle through PETSc would leave it to each rank's garbage collector
     when to destroy collective objects.
 
     Args:
@@ -33,8 +34,8 @@ class Callbacks:
         terms: The terms of contact.
 
     Attributes:
-        error: What a callback raised, as PETSc hands on no more than a number.
-        law: The rows of the substep that is solved.
+        error: The exception of a callback; PETSc passes on only a number.
+        law: The rows of the substep that is being solved.
     """
 
     def __init__(
@@ -56,15 +57,15 @@ class Callbacks:
         self._pattern: tuple[object, ...] = ()
 
     def attach(self, snes: PETSc.SNES) -> None:
-        """Let a solver find its residual here."""
+        """Give a solver this residual."""
         snes.setFunction(self._call_residual, self._b)
 
     def use(self, snes: PETSc.SNES) -> None:
-        """Let a solver find its matrix here."""
+        """Give a solver this Jacobian."""
         snes.setJacobian(self._call_jacobian, self._total, self._total)
 
     def prepare(self, x: PETSc.Vec, law: Law) -> bool:
-        """Make a matrix that fits to the stencils; collective.
+        """Make a matrix with the sparsity of the stencils; collective.
 
         Args:
             x: The iterate.
@@ -79,7 +80,7 @@ class Callbacks:
             return False
         self._destroy()
         if not self._forms.isAssembled():
-            self._form_jacobian(x, self._forms)  # only then it has its sparsity
+            self._form_jacobian(x, self._forms)  # the assembly sets its sparsity
         size = self._forms.getLocalSize()
         self._elements = PETSc.Mat().create(self._forms.comm)
         self._elements.setSizes(((size[0], None), (size[1], None)))
@@ -98,7 +99,7 @@ class Callbacks:
 
     @contextmanager
     def keeping_errors(self) -> Iterator[None]:
-        """Keep what is raised inside."""
+        """Keep an exception raised inside, and raise it."""
         try:
             yield
         except BaseException as error:

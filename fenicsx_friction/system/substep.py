@@ -22,12 +22,12 @@ from .newton import Newton
 from .options import inside
 from .report import SubstepReport
 
-#: A residual that no step makes smaller, but below this, relative, is taken for rounding.
+#: A relative residual below this that no step makes smaller counts as rounding.
 ROUNDING = 1e-8
 #: A residual that returns to this relative accuracy within 15 iterations is a cycle.
 CYCLE = 1e-6
-#: So many full Newton steps without a smaller residual are a cycle, too, and as many as the square
-#: root of the number of contact nodes: on fine meshes, fronts of slip move by a few nodes a step.
+#: Full Newton steps without a smaller residual that count as a cycle, or the square root of the
+#: number of contact nodes if that is more: on fine meshes, slip fronts move a few nodes a step.
 STALLED = 8
 
 
@@ -67,8 +67,8 @@ class Substep:
         problem = self._newton.problem
         if self._solver is None or self._solves is not problem:
             self._solver, self._solves = self._newton.solver(self._prefix), problem
-            # Weakly: in a cycle through PETSc, each rank's garbage collector would choose when to
-            # destroy the collective objects.
+            # Weak: in a cycle through PETSc, each rank's garbage collector would choose when to
+            # destroy collective objects.
             test = weakref.WeakMethod(self._test)
             self._solver.setConvergenceTest(lambda *arguments: test()(*arguments))  # type: ignore[misc]
         return self._solver
@@ -121,7 +121,7 @@ class Substep:
             raise
 
     def discard(self) -> None:
-        """Forget solvers and matrices, which an error may have left half done."""
+        """Forget solvers and matrices, which may be incomplete after an error."""
         self._solver = None
         self._newton.discard()
 
@@ -168,7 +168,7 @@ class Substep:
         )
 
     def _run(self, target: PETSc.Vec | None) -> tuple[bool, str]:
-        """Solve as ``NonlinearProblem.solve``, which knows no right-hand side."""
+        """Solve as ``NonlinearProblem.solve`` does, but with a right-hand side."""
         snes = self.solver
         try:
             with self._guarded(), inside(snes, self._newton.options):
@@ -185,7 +185,7 @@ class Substep:
         return reason > 0, _reason_name(reason)
 
     def _explain_failure(self, snes: PETSc.SNES) -> None:
-        """Say why a factorisation failed, and forget the factor, which is spoilt then."""
+        """Say why a factorisation failed, and forget the factor, which cannot be used then."""
         self._failure = factor_failure(snes)
         memory = out_of_memory(snes)
         forget_factor(snes)
@@ -217,7 +217,7 @@ class Substep:
         patience = max(STALLED, math.isqrt(self._scales.contact_nodes))
         recent, before = self._history[-patience:], self._history[:-patience]
         self._cycled = any(abs(norm - old) <= CYCLE * norm for old in self._history[-16:-2])
-        # A line search decreases the residual, if slowly; full steps should not need to wait.
+        # A line search may decrease the residual slowly; full steps should not.
         full_steps = snes.getLineSearch().getType() == PETSc.SNESLineSearch.Type.BASIC
         self._cycled |= full_steps and len(before) > 2 and min(recent) > 0.9 * min(before)
         if self._cycled or it >= max_it:
@@ -228,7 +228,7 @@ class Substep:
         """Tell whether a residual that no step makes smaller is rounding; collective."""
         if self._scales.excess(rows, max(ROUNDING, self._tolerance)) <= 1.0:
             return True
-        if self._noisy:  # it was looked for in this solve
+        if self._noisy:  # already measured in this solve
             return False
         self._noisy = True
         self._scales.find_noise()

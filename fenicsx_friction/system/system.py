@@ -32,7 +32,7 @@ from .totals import total
 
 
 class ContactSystem:
-    """The equations of a problem: what assembles, certifies and commits; all methods collective.
+    """The equations of a problem: assembles, certifies and commits; all methods are collective.
 
     Args:
         blocks: Bulk residuals in UFL, the momentum balance first.
@@ -219,7 +219,7 @@ class ContactSystem:
         return certificate
 
     def _certify(self) -> Certificate:
-        """Certify the current values by the rounding errors that are known."""
+        """Certify the current values with the rounding errors measured so far."""
         states = self.nodal_states()
         found = self.scales.residuals(self.assemble_momentum(), *self.assemble_others())
         equations = self.scales.equilibrium

@@ -25,7 +25,7 @@ from ..problem import FrictionalContactProblem
 from .soclcp import Increment, solve_increment
 
 Array = npt.NDArray[np.floating]
-#: The bulk counts as linear if its residual is that close to ``K u - b``, relative.
+#: The bulk counts as linear if its residual is this close to ``K u - b``, relative.
 LINEAR = 1e-9
 
 
@@ -53,8 +53,8 @@ class ExactIncrement:
 class ExactReference:
     """Exact solutions of a linear elastic problem with one contact against a plane; serial.
 
-    It follows the loads and boundary values of the given problem but neither reads nor changes its
-    unknowns, and keeps a history of its own.
+    It follows the loads and boundary values of the problem, and keeps a history of its own. It
+    starts from ``u_old`` and does not change the problem's unknowns.
 
     Args:
         problem: The problem, with a bulk residual linear in ``u`` and Coulomb friction.
@@ -152,7 +152,7 @@ class ExactReference:
         current = self._problem.u.x.array
         force = self._K @ current
         nonlinear = fem.assemble_vector(self._residual).array - (force - load)
-        # Against what is added up in K u, which may cancel: rounding goes with that.
+        # Compare with the terms of K u before they cancel: they determine the rounding error.
         size = np.linalg.norm(abs(self._K) @ abs(current)) + np.linalg.norm(load)
         if np.linalg.norm(nonlinear) > LINEAR * size:
             raise ContactInputError("The exact reference needs a bulk residual linear in u.")

@@ -32,12 +32,12 @@ def check_jacobian(
 ) -> JacobianReport:
     """Compare the Jacobian of each substep with central differences of its residual; collective.
 
-    Twice: at the present state, and at a state near it whose contact nodes are open, sticking and
-    slipping at random. There each node is put away from the kinks: the arguments of ``max`` and
-    projection are half the perturbation or more from their switch, which is 1e4 steps. A row with a
-    kink of another origin between the differences (the cap of a limit, say, or a state that touches
-    with ``g = c_n = 0``, where ``max`` takes the derivative of one side) is found by halving the
-    step and by the jump of the derivative, left out, and counted.
+    It does so twice: at the present state, and at a state near it whose contact nodes are open,
+    sticking and slipping at random. In this mixed state each node is away from the kinks: the
+    arguments of ``max`` and projection are at least half the perturbation, about 1e4 steps, from
+    their switch. Other kinks may still lie between the differences: the cap of a limit, or a state
+    that touches with ``g = c_n = 0``, where ``max`` takes the derivative of one side. Halving the
+    step and the jump of the derivative show such rows. They are left out and counted.
 
     Args:
         problem: The problem; its state and history are the same after, bit for bit.

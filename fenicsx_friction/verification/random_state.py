@@ -24,11 +24,11 @@ MARGIN = 0.5
 
 @contextmanager
 def kept(problem: FrictionalContactProblem) -> Iterator[None]:
-    """Put everything back that a check changes."""
+    """Put back everything that a check changes."""
     frozen = [f for k in problem.contacts for f in (k.c_stick, k.slipping, k.slip_scale, k.scale)]
     functions = [*problem.state, *frozen]
     before = snapshot.save(functions)
-    for k in problem.contacts:  # the kinks are where the rows have them
+    for k in problem.contacts:  # so that nodal values have the kinks of the rows
         k.scale.x.array[:] = k.r.x.array
     xi, eps = problem._xi.value.copy(), problem._eps.value.copy()
     try:
