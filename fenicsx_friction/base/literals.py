@@ -11,8 +11,9 @@ from typing import TypeVar
 
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
+from ufl.algorithms import expand_derivatives
 from ufl.algorithms.map_integrands import map_integrands
-from ufl.classes import Expr, FloatValue, Power
+from ufl.classes import Expr, FloatValue, Power, Variable
 from ufl.corealg.dag_traverser import DAGTraverser
 
 T = TypeVar("T", ufl.Form, Expr)
@@ -43,15 +44,21 @@ class _Lifter(DAGTraverser):
         base, exponent = o.ufl_operands
         return self(base) ** (exponent if isinstance(exponent, FloatValue) else self(exponent))
 
+    @process.register(Variable)
+    def _(self, o: Variable) -> Expr:
+        return self(o.ufl_operands[0])
+
 
 def lifted(part: T, msh: mesh.Mesh) -> T:
-    """Return a form or expression with Constants in place of numbers.
+    """Return a form or expression with Constants in place of numbers, and derivatives expanded.
+
+    No variable is left, either: their labels would be part of what tells compiled forms apart.
 
     Args:
         part: The form or expression.
         msh: The mesh that the Constants belong to.
     """
-    lifter = _Lifter(msh)
+    lifter, part = _Lifter(msh), expand_derivatives(part)
     return lifter(part) if isinstance(part, Expr) else map_integrands(lifter, part)
 
 

@@ -15,14 +15,11 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
-import basix.ufl
-import numpy as np
 import ufl
-from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
-from ..base.compilation import compiled
 from ..surfaces.face_cells import Array, FaceCell, newton_step, weighted
+from ..surfaces.nodal_kernel import Points
 
 
 @dataclass(frozen=True)
@@ -53,28 +50,25 @@ class PairKernel:
     """
 
     def __init__(self, comm: MPI.Intracomm, cell: FaceCell, gdim: int, num_pairs: int) -> None:
-        self._cell, self._d, self._n = cell, gdim, num_pairs
-        self._mesh = mesh.create_point_mesh(MPI.COMM_SELF, np.zeros((max(num_pairs, 1), 3)))
-        self._cells = np.arange(max(num_pairs, 1), dtype=np.int32)
-        self._z = self._vector(gdim * (1 + 2 * cell.nodes))
-        self._xi, self._old = self._vector(cell.dim), self._vector(cell.nodes)
-        self._hint = self._vector(gdim)
+        self._cell, self._d, self._points = cell, gdim, Points(num_pairs)
+        vector = lambda size: self._points.function((size,))  # noqa: E731
+        self._z = vector(gdim * (1 + 2 * cell.nodes))
+        self._xi, self._old, self._hint = vector(cell.dim), vector(cell.nodes), vector(gdim)
         self.size = 1 + gdim * gdim  # gap, way, normal and in 3D a tangent
         z = ufl.variable(self._z)
-        values, point = self._element(z), np.zeros((1, 0))
-        expression = compiled(fem.Expression, comm)
-        self._values = expression(values, point, comm=comm)
-        self._derivatives = expression(ufl.diff(values, z), point, comm=comm)
+        values = self._element(z)
+        self._values = self._points.expression(values, comm)
+        self._derivatives = self._points.expression(ufl.diff(values, z), comm)
 
     def values(self, geometry: PairGeometry) -> Array:
         """Return gap, way, normal[, tangent] and shape functions, one row a pair."""
         self._set(geometry)
-        return np.asarray(self._values.eval(self._mesh, self._cells)[: self._n, 0])
+        return self._values()
 
     def derivatives(self, geometry: PairGeometry) -> Array:
         """Return their derivatives by the positions ``z``, flattened: (n, values, z)."""
         self._set(geometry)
-        return np.asarray(self._derivatives.eval(self._mesh, self._cells)[: self._n, 0])
+        return self._derivatives()
 
     def _element(self, z: Expr) -> Expr:
         """Return the values of one element in UFL."""
@@ -99,14 +93,9 @@ class PairKernel:
             frame += [*(first / ufl.sqrt(ufl.dot(first, first)))]
         return ufl.as_vector([gap, *way, *frame, *shapes])
 
-    def _vector(self, size: int) -> fem.Function:
-        """Return a Function with a vector of numbers for each element."""
-        element = basix.ufl.element("DG", "point", 0, shape=(size,))
-        return fem.Function(fem.functionspace(self._mesh, element))
-
     def _set(self, geometry: PairGeometry) -> None:
         """Fill the Functions."""
-        if self._n:
+        if self._points.number:
             self._z.x.array[:] = geometry.z.ravel()
             self._xi.x.array[:] = geometry.xi.ravel()
             self._old.x.array[:] = geometry.old.ravel()

@@ -47,7 +47,7 @@ class ContactSystem:
     Attributes:
         u, u_old: The displacement, and that of the last accepted step.
         contacts: The contacts; ``contact.c`` are the multipliers.
-        dt: Length of the step (s), ``fem.Constant``; only rate-dependent laws need it.
+        dt: Length of the step (s), a Constant; only laws with rates need it.
         num_steps: Number of accepted steps.
         monitor: Called with each :class:`~fenicsx_friction.SubstepReport`, or ``None``.
         terms: How contact enters the equations.
