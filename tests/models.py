@@ -140,6 +140,21 @@ def block(
     return Block(problem, contact, top, frame, stored)
 
 
+def with_contact(model, contact, prefix, *, sign=1.0, **options):
+    """Return another problem of a model's body, held as it is, with other contacts.
+
+    Args:
+        model: Anything with a ``problem``.
+        contact: One contact or several.
+        prefix: Prefix of the PETSc options.
+        sign: Factor of the residual.
+        options: Further arguments of the problem, or others in place of the model's.
+    """
+    problem = model.problem
+    given = {"bcs": problem.bcs, "petsc_options_prefix": prefix} | options
+    return ff.FrictionalContactProblem(sign * problem.bulk, problem.u, contact=contact, **given)
+
+
 def rectangle_on(normal, comm=MPI.COMM_WORLD):
     """Return a unit square whose base (tag 1; the top is 2) lies on a plane through the origin."""
     msh = mesh.create_rectangle(comm, [[0, 0], [1, 1]], [4, 4], mesh.CellType.quadrilateral)

@@ -7,20 +7,7 @@ import fenicsx_friction as ff
 from bodies import stack
 from fenicsx_friction.obstacles import node_to_face
 from fenicsx_friction.surfaces.face_cells import FACE_CELLS, project
-from models import block
-
-
-def again(model, contact, prefix, sign=1.0, **options):
-    """Make another problem of a model's body with a contact."""
-    problem = model.problem
-    return ff.FrictionalContactProblem(
-        sign * problem.bulk,
-        problem.u,
-        contact=contact,
-        bcs=problem.bcs,
-        petsc_options_prefix=prefix,
-        **options,
-    )
+from models import block, with_contact
 
 
 @pytest.mark.mpi
@@ -47,8 +34,8 @@ def test_contacts_of_a_failed_constructor_are_free(kind):
     surface, obstacle = model.contact.surface, model.contact.obstacle
     contact = ff.Contact(surface, obstacle, ff.Coulomb(0.3))
     with pytest.raises(ff.ContactInputError, match="no positive stiffness"):
-        again(model, contact, f"wrong_{kind}_", sign=-1.0)
-    problem = again(model, contact, f"right_{kind}_")
+        with_contact(model, contact, f"wrong_{kind}_", sign=-1.0)
+    problem = with_contact(model, contact, f"right_{kind}_")
     model.move(0.0, 0.0, -0.01)
     assert problem.solve().certified
 
@@ -103,7 +90,7 @@ def test_problems_of_one_prefix_keep_their_options_apart():
     for model, option in zip(models, (77, 33), strict=True):
         contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.3))
         options = {"mat_mumps_icntl_14": option}
-        problems.append(again(model, contact, "same_", petsc_options=options))
+        problems.append(with_contact(model, contact, "same_", petsc_options=options))
     for model, problem in zip(models, problems, strict=True):
         model.move(0.0, 0.0, -0.01)
         assert problem.solve().certified
@@ -113,6 +100,8 @@ def test_problems_of_one_prefix_keep_their_options_apart():
         found.append(pc.getFactorMatrix().getMumpsIcntl(14))
     assert found == [77, 33]
     contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.3))
-    wrong = again(model, contact, "wrong_", petsc_options={"snes_linesearch_type": "nonsense"})
+    wrong = with_contact(
+        model, contact, "wrong_", petsc_options={"snes_linesearch_type": "nonsense"}
+    )
     with pytest.raises(ff.ContactInputError, match=r"PETSc refuses the petsc_options"):
         wrong.solve()

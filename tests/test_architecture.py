@@ -25,6 +25,7 @@ ROOMS = (
     "verification",
 )
 MODULE, FUNCTION = 250, 50
+TESTS, TEST_FILE = Path(__file__).parent, 400
 
 
 def modules():
@@ -95,6 +96,13 @@ def test_modules_and_functions_are_short():
                 if lines > FUNCTION:
                     long.append((f"{path.relative_to(PACKAGE)}: {node.name}", lines))
     assert long == []
+
+
+def test_files_of_the_tests_are_short():
+    files = sorted(TESTS.rglob("*.py"))
+    assert Path(__file__) in files
+    lines = {str(path.relative_to(TESTS)): len(path.read_text().splitlines()) for path in files}
+    assert {name: n for name, n in lines.items() if n > TEST_FILE} == {}
 
 
 def test_names_of_the_user_stay_where_they_are():

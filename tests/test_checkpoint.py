@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from dolfinx import fem, mesh
 
+from checkpointed import RUNS, STEPS, bare, painted, square
 from fenicsx_friction import CheckpointError
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
 from fenicsx_friction.files.checkpoint_content import CONTACT_HISTORY
 from models import gathered
-from restart_run import RUNS, STEPS, bare, painted, square
 
 #: How close runs are that should be the same: MUMPS on several ranks does not repeat itself.
 SAME = 1e-12 if MPI.COMM_WORLD.size == 1 else 1e-9

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from dolfinx import fem
 
+from checkpointed import bare, painted, parts, square
 from fenicsx_friction import CheckpointError, ContactInputError
 from fenicsx_friction.base import atomic_file
 from fenicsx_friction.certificate.nodal_state import NodalState
 from fenicsx_friction.files import checkpoint_content
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
-from restart_run import bare, painted, parts, square
 
 VECTOR = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
 

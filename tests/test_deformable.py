@@ -10,7 +10,7 @@ from bodies import stack
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
 from fenicsx_friction.obstacles.node_to_face import NodeToFace
 from fenicsx_friction.system import contact_terms
-from models import gathered
+from models import gathered, with_contact
 
 FLAT = {
     "quadrilateral": {"upper": (5, 3), "lower": (3, 3), "top": ((0, 1), (1, 2))}
@@ -256,13 +256,7 @@ def test_an_obstacle_serves_any_number_of_contacts():
     """Of two problems that take turns, each keeps its own pairs."""
     model, other = stack(0.5, "shared_"), stack(0.5, "own_")
     contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.5))
-    again = ff.FrictionalContactProblem(
-        model.problem.bulk,
-        model.problem.u,
-        contact=contact,
-        bcs=model.problem.bcs,
-        petsc_options_prefix="shared_again_",
-    )
+    again = with_contact(model, contact, "shared_again_")
     for x, z in ((0.0, -0.01), (0.3, -0.01)):
         for one in (model, other):
             one.move(x, 0.0, z)

@@ -9,7 +9,7 @@ from dolfinx import fem
 
 import fenicsx_friction as ff
 from fenicsx_friction.contact.frame import choose_hints, pinned_directions, steep_hints
-from models import block, rectangle_on
+from models import block, rectangle_on, with_contact
 
 AXES = np.eye(3)
 OBLIQUE = np.array([[1.0, 2.0, 3.0], [1.0, -1.0, 0.0], [0.1, 0.0, -1.0]])
@@ -37,14 +37,12 @@ def test_first_tangent_exists_and_prescribed_directions_are_pinned(fixed):
 def test_frames_follow_normals_and_tractions_stay():
     """A plane that turns towards the first tangent: without new frames these would be none."""
     model = block("hexahedron", 0.3, "turning_")
-    contact, u = model.contact, model.problem.u
-    motion = ff.RigidMotion(u.function_space.mesh, axis=(0.0, 1.0, 0.0))
+    contact, V = model.contact, model.problem.u.function_space
+    motion = ff.RigidMotion(V.mesh, axis=(0.0, 1.0, 0.0))
     turning = ff.Contact(
         contact.surface, ff.RigidPlane((0, 0, 0), (0, 0, 1), motion=motion), ff.Coulomb(0.3)
     )
-    ff.FrictionalContactProblem(
-        model.problem.bulk, u, contact=turning, bcs=model.problem.bcs, petsc_options_prefix="turns_"
-    )
+    with_contact(model, turning, "turns_")
     n = turning.surface.num_owned
     motion.angle.value = 0.45 * np.pi
     turning.c.x.array[:] = np.tile([3.0, 0.5, -0.2], len(turning.c.x.array) // 3)

@@ -9,7 +9,7 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from fenicsx_friction.verification.exact import ExactReference
-from models import block, raous, tagged_facets
+from models import block, raous, tagged_facets, with_contact
 
 PLANE = ff.RigidPlane((0.0, 0.0), (0.0, 1.0))
 
@@ -79,9 +79,7 @@ def test_friction_fields_are_checked_at_every_node(bad):
 def field_model(model, mu):
     """Exchange the friction of a Raous model."""
     contact = ff.Contact(model.contact.surface, PLANE, ff.Coulomb(mu))
-    return ff.FrictionalContactProblem(
-        model.problem.bulk, model.problem.u, contact=contact, petsc_options_prefix="exchanged_"
-    )
+    return with_contact(model, contact, "exchanged_", bcs=None)
 
 
 @pytest.mark.parametrize(
@@ -221,9 +219,7 @@ def test_unheld_body_fails_with_advice():
     """No symmetry plane and no friction: the body may float sideways."""
     model = raous(4, 4, 0.0, "float_")
     contact = ff.Contact(model.contact.surface, PLANE, ff.Coulomb(0.0))
-    loose = ff.FrictionalContactProblem(
-        model.problem.bulk, model.problem.u, contact=contact, petsc_options_prefix="loose_"
-    )
+    loose = with_contact(model, contact, "loose_", bcs=None)
     with pytest.raises(ff.StepFailed, match="Try"):
         loose.solve()
     assert not np.any(model.problem.u.x.array)

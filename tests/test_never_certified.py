@@ -10,7 +10,7 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from bodies import stack
-from models import block, tagged_facets
+from models import block, tagged_facets, with_contact
 
 pytestmark = pytest.mark.mpi
 PRESSED = -0.01
@@ -207,17 +207,10 @@ def test_a_primary_surface_on_another_mesh():
 
 def test_a_surface_that_meets_itself():
     model = stack(0.3, "once_", cell="quadrilateral", **SQUARES)
-    surface, V = model.contact.surface, model.problem.u.function_space
+    surface = model.contact.surface
     contact = ff.Contact(surface, ff.DeformableObstacle(surface), ff.Coulomb(0.3))
-    u = model.problem.u
     with refused("facets in common"):
-        ff.FrictionalContactProblem(
-            ufl.derivative(model.stored, u, ufl.TestFunction(V)),
-            u,
-            contact=contact,
-            bcs=model.problem.bcs,
-            petsc_options_prefix="itself_",
-        )
+        with_contact(model, contact, "itself_")
 
 
 SQUARES = {
@@ -278,13 +271,7 @@ class Driving(ff.FrictionLaw):
 def test_friction_that_drives(law, match):
     model = block("hexahedron", 0.3, f"drives_{type(law).__name__}_")
     contact = ff.Contact(model.contact.surface, model.contact.obstacle, law)
-    problem = ff.FrictionalContactProblem(
-        model.problem.bulk,
-        model.problem.u,
-        contact=contact,
-        bcs=model.problem.bcs,
-        petsc_options_prefix=f"law_{type(law).__name__}_",
-    )
+    problem = with_contact(model, contact, f"law_{type(law).__name__}_")
     model.move(0.0, 0.0, -0.01)
     with pytest.raises(ff.StepFailed, match=match):
         problem.solve()

@@ -7,6 +7,7 @@ import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
+from models import with_contact
 from shapes import BALL, ball
 
 PLANE = {"cell": "quadrilateral", "upper": (4, 2), "lower": (4, 2)}
@@ -115,12 +116,8 @@ def contact_of(model, secondary, primary, **search):
     )
     one, other = surfaces
     obstacle = ff.DeformableObstacle(other, search=ff.SearchPolicy(**search))
-    return ff.FrictionalContactProblem(
-        model.problem.bulk,
-        model.problem.u,
-        contact=ff.Contact(one, obstacle, ff.Coulomb(0.3)),
-        petsc_options_prefix="other_",
-    )
+    contact = ff.Contact(one, obstacle, ff.Coulomb(0.3))
+    return with_contact(model, contact, "other_", bcs=None)
 
 
 FLAT = PLANE | {"top": ((0.0, 1.0), (1.0, 2.0)), "base": ((0.0, 0.0), (1.0, 1.0))}
@@ -173,13 +170,9 @@ def test_wrong_arguments_of_deformable_obstacles_are_refused():
     other = stack(0.3, "arguments_other_", **FLAT)
     elsewhere = other.problem.u.function_space.mesh
     obstacle = ff.DeformableObstacle(ff.ContactSurface(elsewhere, other.tags, 2))
+    foreign = ff.Contact(model.contact.surface, obstacle, ff.Frictionless())
     with pytest.raises(ff.ContactInputError, match="another mesh"):
-        ff.FrictionalContactProblem(
-            model.problem.bulk,
-            model.problem.u,
-            contact=ff.Contact(model.contact.surface, obstacle, ff.Frictionless()),
-            petsc_options_prefix="foreign_",
-        )
+        with_contact(model, foreign, "foreign_", bcs=None)
     for wrong in (np.nan, -1.0, 0.0, "far", None):
         with pytest.raises(ff.ContactInputError, match="reach = "):
             ff.close_initial_gaps(msh, tags, 1, 2, wrong)

@@ -10,7 +10,7 @@ from dolfinx import fem
 import fenicsx_friction as ff
 from bodies import box, joined, stack
 from fenicsx_friction.certificate.groups import number_bodies
-from models import block, tagged_facets
+from models import block, tagged_facets, with_contact
 
 #: Units of length (m) and of stress (Pa): their products of all kinds stay within floating point.
 UNITS = [(1e-9, 1e-12), (1e-9, 1e12), (1e6, 1e-12), (1e6, 1e12), (1e-3, 1e-3)]
@@ -151,13 +151,7 @@ def test_the_certificate_does_not_believe_r_p(r_p):
     contact = ff.Contact(
         other.contact.surface, other.contact.obstacle, other.contact.friction, r_p=r_p
     )
-    problem = ff.FrictionalContactProblem(
-        other.problem.bulk,
-        other.problem.u,
-        contact=contact,
-        bcs=other.problem.bcs,
-        petsc_options_prefix=f"again{r_p:g}_",
-    )
+    problem = with_contact(other, contact, f"again{r_p:g}_")
     other.move(0.0, 0.0, -0.01)
     try:
         report = problem.solve()

@@ -10,7 +10,7 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from fenicsx_friction.verification.exact import ExactReference
-from models import tagged_facets
+from models import block, tagged_facets, with_contact
 
 NAN, INF = float("nan"), float("inf")
 
@@ -155,13 +155,9 @@ def shell(s):
 
 
 def in_3d(s, law):
-    from models import block
-
     model = block("tetrahedron", 0.3, "wrong_", n=(1, 1, 1), comm=MPI.COMM_SELF)
     contact = ff.Contact(model.contact.surface, model.contact.obstacle, law)
-    return ff.FrictionalContactProblem(
-        model.problem.bulk, model.problem.u, contact=contact, petsc_options_prefix="wrong_"
-    )
+    return with_contact(model, contact, "wrong_", bcs=None)
 
 
 def part_of_a_space(s):

@@ -79,7 +79,8 @@ class NodeToFace(Pairing):
         self._now = self._geometry(now[0])
         values = self._kernel.values(self._now)
         n, size = len(values), self._kernel.size
-        rows = self.field.x.array[: n * self.field.function_space.dofmap.bs].reshape(n, -1)
+        width = self.field.function_space.dofmap.bs
+        rows = self.field.x.array[: n * width].reshape(n, width)
         rows[:, :size] = values[:, :size]
         alone = ~self.pairs.paired
         if np.any(alone):
