@@ -29,7 +29,7 @@ ROWS = [
     ("mu negative", lambda s: s.with_mu(-0.1), "mu = -0.1 must be >= 0"),
     ("mu nan", lambda s: s.with_mu(NAN), "mu = nan must be >= 0"),
     ("mu inf", lambda s: s.with_mu(INF), "mu = inf must be >= 0 and finite"),
-    ("mu inf at a node", w.on_infinite_mu, r"nan at \(.*, where or beside which the Function f is inf"),
+    ("mu inf at a node", w.on_infinite_mu, r"inf at \(.*, where or beside which the Function f is inf"),
     ("mu vector", lambda s: s.with_mu(s.vector), r"mu must be scalar, its shape is \(2,\)"),
     ("mu constant vector", lambda s: s.with_mu(fem.Constant(s.mesh, (0.3, 0.3))), "must be scalar"),
     ("mu class", lambda s: s.with_mu(float), "mu = .* is the class float itself"),

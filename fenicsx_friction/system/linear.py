@@ -115,6 +115,11 @@ def out_of_memory(snes: PETSc.SNES) -> bool:
     return code in (*WORKSPACE, *ALLOCATION, LIMITED, OUT_OF_CORE)
 
 
+def workspace_too_small(snes: PETSc.SNES) -> bool:
+    """Tell whether MUMPS has estimated the workspace of the last factorisation too small."""
+    return _mumps_code(snes.getKSP())[0] in WORKSPACE
+
+
 def forget_factor(snes: PETSc.SNES) -> None:
     """Discard the factor, so that the next solve makes a new one; collective."""
     snes.getKSP().getPC().reset()

@@ -53,3 +53,9 @@ def effective(prefix: str, options: Mapping[str, object]) -> dict[str, str]:
     """Return all options that a solver of a prefix sees inside its context."""
     found: dict[str, str] = PETSc.Options(prefix).getAll()
     return found | {name: str(value) for name, value in options.items()}
+
+
+def reason_name(value: int) -> str:
+    """Return PETSc's name of a converged reason."""
+    names = PETSc.SNES.ConvergedReason.__dict__.items()
+    return next((name for name, number in names if number == value and "_" in name), str(value))

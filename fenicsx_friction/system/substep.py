@@ -17,9 +17,9 @@ from ufl.core.expr import Expr
 from ..base.errors import OutOfMemory
 from ..contact.contact import Contact
 from .contact_terms import Law
-from .linear import factor_failure, forget_factor, out_of_memory
+from .linear import factor_failure, forget_factor, out_of_memory, workspace_too_small
 from .newton import Newton
-from .options import inside
+from .options import inside, reason_name
 from .report import SubstepReport
 
 #: A relative residual below this that no step makes smaller counts as rounding.
@@ -29,6 +29,10 @@ CYCLE = 1e-6
 #: Full Newton steps without a smaller residual that count as a cycle, or the square root of the
 #: number of contact nodes if that is more: on fine meshes, slip fronts move a few nodes a step.
 STALLED = 8
+#: The linear solve failed.
+LINEAR = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
+#: For MUMPS, in per cent above what it estimates.
+MORE_WORKSPACE: dict[str, object] = {"mat_mumps_icntl_14": 200}
 
 
 class Substep:
@@ -37,8 +41,7 @@ class Substep:
     The rows are compiled at the first use: a substep that a corrector never needs costs nothing.
 
     Args:
-        name: Name of the substep, part of its options prefix.
-        prefix: Prefix of the PETSc options; the substep's is ``{prefix}{name}_``.
+        name, prefix: The prefix of its PETSc options is ``{prefix}{name}_``.
         newton: What all substeps share.
         rows: Returns the rows of a contact.
     """
@@ -67,8 +70,7 @@ class Substep:
         problem = self._newton.problem
         if self._solver is None or self._solves is not problem:
             self._solver, self._solves = self._newton.solver(self._prefix), problem
-            # Weak: in a cycle through PETSc, each rank's garbage collector would choose when to
-            # destroy collective objects.
+            # Weak: in a cycle, each rank's garbage collector would destroy collective objects.
             test = weakref.WeakMethod(self._test)
             self._solver.setConvergenceTest(lambda *arguments: test()(*arguments))  # type: ignore[misc]
         return self._solver
@@ -140,8 +142,7 @@ class Substep:
         Args:
             tolerance: Newton stops when all residuals are this small, relative to the forces of
                 their body and contact.
-            xi: For the report.
-            eps: For the report.
+            xi, eps: For the report.
             line_search: PETSc line search in place of the options' one.
             max_it: Iterations in place of the options' ``snes_max_it``.
             target: Residual to reach instead of zero.
@@ -168,10 +169,26 @@ class Substep:
         )
 
     def _run(self, target: PETSc.Vec | None) -> tuple[bool, str]:
-        """Solve as ``NonlinearProblem.solve`` does, but with a right-hand side."""
+        """Solve; once more if MUMPS has estimated its workspace too small."""
+        unknowns, options = self._newton.problem.u, dict(self._newton.options)
+        start = [f.x.array.copy() for f in unknowns]
+        found = self._run_once(target, options)
+        if self.solver.getConvergedReason() == LINEAR and workspace_too_small(self.solver):
+            # It analysed the matrix of another substep, where fewer pivots had to wait.
+            for f, values in zip(unknowns, start, strict=True):
+                f.x.array[:] = values
+            forget_factor(self.solver)
+            self._history, self._cycled = [], False
+            found = self._run_once(target, MORE_WORKSPACE | options)
+        if self.solver.getConvergedReason() == LINEAR:
+            self._explain_failure(self.solver)
+        return found
+
+    def _run_once(self, target: PETSc.Vec | None, options: dict[str, object]) -> tuple[bool, str]:
+        """Solve as ``NonlinearProblem.solve``, which knows no right-hand side."""
         snes = self.solver
         try:
-            with self._guarded(), inside(snes, self._newton.options):
+            with self._guarded(), inside(snes, options):
                 x = self._newton.prepare(snes, self.law)
                 snes.solve(target, x)
         except PETSc.Error as error:
@@ -180,9 +197,7 @@ class Substep:
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
         assign(x, self._newton.problem.u)
         reason = snes.getConvergedReason()
-        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
-            self._explain_failure(snes)
-        return reason > 0, _reason_name(reason)
+        return reason > 0, reason_name(reason)
 
     def _explain_failure(self, snes: PETSc.SNES) -> None:
         """Say why a factorisation failed, and forget the factor, which cannot be used then."""
@@ -233,9 +248,3 @@ class Substep:
         self._noisy = True
         self._scales.find_noise()
         return self._scales.excess(rows, self._tolerance) <= 1.0
-
-
-def _reason_name(value: int) -> str:
-    """Return PETSc's name of a converged reason."""
-    names = PETSc.SNES.ConvergedReason.__dict__.items()
-    return next((name for name, number in names if number == value and "_" in name), str(value))

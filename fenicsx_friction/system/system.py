@@ -39,13 +39,12 @@ class ContactSystem:
         unknowns: Their unknowns, displacement first.
         contacts: The contacts.
         bcs: Dirichlet conditions on the unknowns.
-        prefix: Prefix of PETSc options.
-        options: PETSc options for all substeps.
+        prefix, options: Prefix of PETSc options, and options for all substeps.
         entity_maps: Entity maps of further meshes in ``blocks``; those of the contacts are added.
         settings: How a step is solved.
 
     Attributes:
-        u, u_old: The displacement, and that of the last accepted step.
+        u, u_old: The displacement, now and at the last accepted step.
         contacts: The contacts; ``contact.c`` are the multipliers.
         dt: Length of the step (s), a Constant; only laws with rates need it.
         num_steps: Number of accepted steps.
