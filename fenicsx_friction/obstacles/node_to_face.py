@@ -32,8 +32,7 @@ WEIGHTLESS = 1e-8
 class NodeToFace(Pairing):
     """Nodes that meet faces of a deformable body.
 
-    A stencil is the node, the nodes of its face, and those of the face that it met at the last
-    accepted step, from where its slip starts.
+    A stencil is the node, its face's nodes, and those of the face from where its slip starts.
 
     Args:
         primary: The primary surface.

@@ -142,13 +142,13 @@ class Substep:
         Args:
             tolerance: Newton stops when all residuals are this small, relative to the forces of
                 their body and contact.
-            xi, eps: For the report.
+            xi: For the report.
+            eps: For the report.
             line_search: PETSc line search in place of the options' one.
             max_it: Iterations in place of the options' ``snes_max_it``.
             target: Residual to reach instead of zero.
 
-        Returns:
-            What happened. Not converging is no exception: the certificate decides.
+        Returns what happened. Not converging is no exception: the certificate decides.
         """
         snes, options = self.solver, self._newton.options
         chosen, limit = options["snes_linesearch_type"], options["snes_max_it"]
