@@ -86,6 +86,7 @@ from fenicsx_friction import (
     bulk,
     laws,
 )
+from fenicsx_friction.contact.slip_corrector import freeze_stick
 from fenicsx_friction.verification.exact import ExactReference
 from fenicsx_friction.verification.soclcp import NoExactSolution
 from raous_options import Options, parse_options
@@ -322,7 +323,7 @@ def ramp_levels(options: Options, sign: int) -> dict[float, results.ContactLine]
     forces = LENGTH * (abs(options.lateral_pressure) + options.top_pressure)
     problem.run(problem.stick, 1e-6 * forces, max_it=2)
 
-    contact.freeze_stick(violated_only=False)
+    freeze_stick(contact, violated_only=False)
     lines: dict[float, results.ContactLine] = {}
     for xi in LEVELS:
         if problem.run(problem.slip, 1e-12 * forces, xi=xi).converged:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import ufl
+from ufl.algorithms import expand_derivatives
 
 try:
     import dolfinx
@@ -44,7 +45,12 @@ def jacobian_blocks(forms: Sequence[ufl.Form], unknowns: Sequence[fem.Function])
     DOLFINx 0.11 cannot create an empty form between two meshes (two contact surfaces, say).
     """
     blocks: Any = derivative_block(list(forms), list(unknowns))
-    return [[None if isinstance(J, ufl.ZeroBaseForm) else J for J in row] for row in blocks]
+    return [[None if _is_empty(J) else J for J in row] for row in blocks]
+
+
+def _is_empty(form: Any) -> bool:
+    """Tell whether a form has no integral that is not zero."""
+    return isinstance(form, ufl.ZeroBaseForm) or expand_derivatives(form).empty()
 
 
 def same_topology(a: Any, b: Any) -> bool:

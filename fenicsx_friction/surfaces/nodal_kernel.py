@@ -88,35 +88,35 @@ class NodalKernel:
         self._points, comm = Points(surface.num_owned), surface.mesh.comm
         copier = _Copier(surface, self._points, dict(nodal or {}))
         at_points = copier(expand_derivatives(values))
-        self.refresh = copier.refresh
-        self._values = self._points.expression(at_points, comm)
-        entries: list[Expr] = []
-        self._sizes = []
+        self.refresh, self._sizes = copier.refresh, [(len(values), 1)]
+        entries = _entries(at_points)
         for f in by:
             variable = ufl.variable(copier(f))
             derivative = ufl.diff(ufl.replace(at_points, {copier(f): variable}), variable)
             entries += _entries(derivative)
             self._sizes.append((len(values), int(np.prod(f.ufl_shape, dtype=int))))
-        self._derivatives = None
-        if entries:
-            self._derivatives = self._points.expression(ufl.as_vector(entries), comm)
+        # All in one, for the compiler is slow, and the nodes of a surface are few.
+        self._evaluate = self._points.expression(ufl.as_vector(entries), comm)
+        self._parts: list[Array] | None = None
 
     def values(self, *, refresh: bool = True) -> Array:
         """Return the values now, one row a node; collective unless they are of the last refresh."""
-        if refresh:
-            self.refresh()
-        return self._values()
+        return self._now(refresh)[0][:, :, 0].copy()
 
     def derivatives(self, *, refresh: bool = True) -> list[Array]:
         """Return the derivatives by each Function: (nodes, values, components)."""
-        if refresh:
-            self.refresh()
-        assert self._derivatives is not None
-        ends = np.cumsum([a * b for a, b in self._sizes])
-        parts = np.split(self._derivatives(), ends[:-1], axis=1)
-        return [
-            part.reshape(len(part), *size) for part, size in zip(parts, self._sizes, strict=True)
-        ]
+        return self._now(refresh)[1:]
+
+    def _now(self, refresh: bool) -> list[Array]:
+        """Evaluate values and derivatives, as far as anything has changed."""
+        if (refresh and self.refresh()) or self._parts is None or not refresh:
+            ends = np.cumsum([a * b for a, b in self._sizes])
+            parts = np.split(self._evaluate(), ends[:-1], axis=1)
+            self._parts = [
+                part.reshape(len(part), *size)
+                for part, size in zip(parts, self._sizes, strict=True)
+            ]
+        return self._parts
 
 
 class _Copier(DAGTraverser):
