@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """One step: solve it in one way or another, search again, certify, commit or roll back."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ import numpy as np
 from dolfinx import fem
 
 from ..base.errors import ContactInputError, StepFailed
+from ..base.log import tell
 from ..contact.checks import check_normals
 from ..system.report import StepReport, SubstepReport
 from ..system.system import ContactSystem
@@ -54,6 +56,7 @@ def _advance(system: ContactSystem) -> StepReport:
         report, crossed = _judge(system, substeps)
         if report.certificate.solved:
             system.commit()
+            _tell(system, report)
             return report
         if failed is None or _far(report) < _far(failed.report):
             failed = _Failed(report, crossed, snapshot.ProblemSnapshot(system))
@@ -65,6 +68,14 @@ def _advance(system: ContactSystem) -> StepReport:
     if system.settings.raise_on_uncertified:
         raise StepFailed("\n".join([explain(system, report), *failed.crossed]), report)
     return report
+
+
+def _tell(system: ContactSystem, report: StepReport) -> None:
+    """Log an accepted step."""
+    states = ", ".join(f"{k.name}: {k.open}/{k.stick}/{k.slip}" for k in report.contacts)
+    message = "step %d: %d iterations, certificate %.0e, open/stick/slip %s"
+    values = report.step, report.iterations, report.certificate.relative, states
+    tell(system.comm, logging.INFO, message, *values)
 
 
 @dataclass(frozen=True)
@@ -151,6 +162,7 @@ def _settle(system: ContactSystem, attempt: Attempt) -> list[SubstepReport]:
         changed = [k.pairing.search() for k in system.contacts]
         if not any(changed) or searched == MAX_SEARCHES - 1:
             break
+        tell(system.comm, logging.DEBUG, "search %d: nodes meet other faces", searched + 1)
         reports.append(polish(system, attempt))
         if not reports[-1].converged:
             break

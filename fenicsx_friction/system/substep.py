@@ -3,32 +3,26 @@
 
 from __future__ import annotations
 
-import math
+import logging
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from petsc4py import PETSc
 
-import numpy as np
 from dolfinx.fem.petsc import assign
 from ufl.core.expr import Expr
 
 from ..base.errors import OutOfMemory
+from ..base.log import tell
 from ..contact.contact import Contact
 from .contact_terms import Law
+from .convergence import Progress
 from .linear import factor_failure, forget_factor, out_of_memory, workspace_too_small
 from .newton import Newton
 from .options import inside, reason_name
 from .report import SubstepReport
 
-#: A relative residual below this that no step makes smaller counts as rounding.
-ROUNDING = 1e-8
-#: A residual that returns to this relative accuracy within 15 iterations is a cycle.
-CYCLE = 1e-6
-#: Full Newton steps without a smaller residual that count as a cycle, or the square root of the
-#: number of contact nodes if that is more: on fine meshes, slip fronts move a few nodes a step.
-STALLED = 8
 #: The linear solve failed.
 LINEAR = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
 #: For MUMPS, in per cent above what it estimates.
@@ -54,8 +48,7 @@ class Substep:
         self._law: Law | None = None
         self._solver: PETSc.SNES | None = None
         self._solves: object = None
-        self._history: list[float] = []
-        self._cycled, self._tolerance, self._failure, self._noisy = False, 0.0, "", False
+        self._progress, self._failure = Progress(self._scales, 0.0), ""
 
     @property
     def law(self) -> Law:
@@ -154,17 +147,19 @@ class Substep:
         chosen, limit = options["snes_linesearch_type"], options["snes_max_it"]
         snes.getLineSearch().setType(str(line_search or chosen))
         snes.setTolerances(max_it=int(str(max_it or limit)))
-        self._history, self._cycled, self._tolerance = [], False, tolerance
-        self._failure, self._noisy = "", False
+        self._progress, self._failure = Progress(self._scales, tolerance), ""
         converged, reason = self._run(target)
+        history = self._progress.history
+        message = "%s: %d iterations, %s"
+        tell(self._newton.comm, logging.DEBUG, message, self.name, len(history) - 1, reason)
         return SubstepReport(
             name=self.name,
             xi=xi,
             eps=eps,
-            iterations=max(len(self._history) - 1, 0),
+            iterations=max(len(history) - 1, 0),
             converged=converged,
-            reason="CYCLE" if self._cycled else reason,
-            residuals=tuple(self._history),
+            reason="CYCLE" if self._progress.cycled else reason,
+            residuals=tuple(history),
             failure=self._failure,
         )
 
@@ -178,7 +173,7 @@ class Substep:
             for f, values in zip(unknowns, start, strict=True):
                 f.x.array[:] = values
             forget_factor(self.solver)
-            self._history, self._cycled = [], False
+            self._progress = Progress(self._scales, self._progress.tolerance)
             found = self._run_once(target, MORE_WORKSPACE | options)
         if self.solver.getConvergedReason() == LINEAR:
             self._explain_failure(self.solver)
@@ -216,35 +211,4 @@ class Substep:
         """Keep what the test raises, see ``Callbacks``."""
         assert self._newton.callbacks is not None
         with self._newton.callbacks.keeping_errors():
-            return self._judge(snes, it, norms[-1])
-
-    def _judge(self, snes: PETSc.SNES, it: int, norm: float) -> PETSc.SNES.ConvergedReason:
-        """Stop at the tolerance, at rounding, at NaN, at the last iteration and in a cycle."""
-        reason, max_it = PETSc.SNES.ConvergedReason, snes.getTolerances()[3]
-        self._history.append(norm)
-        if not np.isfinite(norm):
-            return reason.DIVERGED_FNORM_NAN
-        rows = snes.getFunction()[0].array_r
-        if self._scales.excess(rows, self._tolerance) <= 1.0:
-            return reason.CONVERGED_FNORM_ABS
-        if it > 0 and norm >= 0.5 * self._history[-2] and self._is_rounding(rows):
-            return reason.CONVERGED_SNORM_RELATIVE
-        patience = max(STALLED, math.isqrt(self._scales.contact_nodes))
-        recent, before = self._history[-patience:], self._history[:-patience]
-        self._cycled = any(abs(norm - old) <= CYCLE * norm for old in self._history[-16:-2])
-        # A line search may decrease the residual slowly; full steps should not.
-        full_steps = snes.getLineSearch().getType() == PETSc.SNESLineSearch.Type.BASIC
-        self._cycled |= full_steps and len(before) > 2 and min(recent) > 0.9 * min(before)
-        if self._cycled or it >= max_it:
-            return reason.DIVERGED_MAX_IT
-        return reason.ITERATING
-
-    def _is_rounding(self, rows: np.ndarray) -> bool:
-        """Tell whether a residual that no step makes smaller is rounding; collective."""
-        if self._scales.excess(rows, max(ROUNDING, self._tolerance)) <= 1.0:
-            return True
-        if self._noisy:  # already measured in this solve
-            return False
-        self._noisy = True
-        self._scales.find_noise()
-        return self._scales.excess(rows, self._tolerance) <= 1.0
+            return self._progress.judge(snes, it, norms[-1])

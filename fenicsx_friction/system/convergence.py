@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: MIT
+"""When Newton's method stops: a convergence test made for contact."""
+
+import math
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from .forces import ForceScales
+
+#: A relative residual below this that no step makes smaller counts as rounding.
+ROUNDING = 1e-8
+#: A residual that returns to this relative accuracy within 15 iterations is a cycle.
+CYCLE = 1e-6
+#: Full Newton steps without a smaller residual that count as a cycle, or the square root of the
+#: number of contact nodes if that is more: on fine meshes, slip fronts move a few nodes a step.
+STALLED = 8
+
+
+class Progress:
+    """Follows one solve and judges its iterates.
+
+    Args:
+        scales: Measures residuals.
+        tolerance: All residuals are to be this small, relative to their scales.
+
+    Attributes:
+        tolerance: As given.
+        history: 2-norms of the residual (N), one an iteration and the initial one.
+        cycled: Whether the iterates go round.
+    """
+
+    def __init__(self, scales: ForceScales, tolerance: float) -> None:
+        self._scales, self.tolerance, self._noisy = scales, tolerance, False
+        self.history: list[float] = []
+        self.cycled = False
+
+    def judge(self, snes: PETSc.SNES, it: int, norm: float) -> PETSc.SNES.ConvergedReason:
+        """Stop at the tolerance, at rounding, at NaN, at the last iteration and in a cycle."""
+        reason, max_it = PETSc.SNES.ConvergedReason, snes.getTolerances()[3]
+        self.history.append(norm)
+        if not np.isfinite(norm):
+            return reason.DIVERGED_FNORM_NAN
+        rows = snes.getFunction()[0].array_r
+        if self._scales.excess(rows, self.tolerance) <= 1.0:
+            return reason.CONVERGED_FNORM_ABS
+        if it > 0 and norm >= 0.5 * self.history[-2] and self._is_rounding(rows):
+            return reason.CONVERGED_SNORM_RELATIVE
+        patience = max(STALLED, math.isqrt(self._scales.contact_nodes))
+        recent, before = self.history[-patience:], self.history[:-patience]
+        self.cycled = any(abs(norm - old) <= CYCLE * norm for old in self.history[-16:-2])
+        # A line search may decrease the residual slowly; full steps should not.
+        full_steps = snes.getLineSearch().getType() == PETSc.SNESLineSearch.Type.BASIC
+        self.cycled |= full_steps and len(before) > 2 and min(recent) > 0.9 * min(before)
+        if self.cycled or it >= max_it:
+            return reason.DIVERGED_MAX_IT
+        return reason.ITERATING
+
+    def _is_rounding(self, rows: np.ndarray) -> bool:
+        """Tell whether a residual that no step makes smaller is rounding; collective."""
+        if self._scales.excess(rows, max(ROUNDING, self.tolerance)) <= 1.0:
+            return True
+        if self._noisy:  # already measured in this solve
+            return False
+        self._noisy = True
+        self._scales.find_noise()
+        return self._scales.excess(rows, self.tolerance) <= 1.0
