@@ -137,3 +137,76 @@ def test_mixed_pressure_is_measured_by_the_forces():
         found.append(report.contacts[0].force)
     assert found[1] == pytest.approx(found[0], rel=1e-9)
     assert found[0][1] > 1.0
+
+
+def test_field_derived_from_another_and_heat_in_the_deformed_body_without_any():
+    """The temperature is that outside, all over: what is left of each equation is rounding."""
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 4, 4, mesh.CellType.quadrilateral)
+    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0), lambda x: np.isclose(x[1], 1.0))
+    V, W = (fem.functionspace(msh, ("Lagrange", 1, shape)) for shape in ((2,), ()))
+    D = fem.functionspace(msh, ("DG", 0))
+    u, T, damage = (fem.Function(space) for space in (V, W, D))
+    v, q, e = (ufl.TestFunction(space) for space in (V, W, D))
+    T.x.array[:] = outside = 293.15
+    stored = ff.bulk.neo_hooke_energy(u, ff.bulk.Elastic(1000.0, 0.3))
+    C = (ufl.Identity(2) + ufl.grad(u)).T * (ufl.Identity(2) + ufl.grad(u))
+    source = fem.Constant(msh, 0.0)
+    flux = ufl.sqrt(ufl.det(C)) * ufl.inv(C) * ufl.grad(T)
+    top, up = fem.Function(V), fem.locate_dofs_topological(V, 1, tags.find(2))
+    cold = fem.locate_dofs_topological(W, 1, tags.find(2))
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1), ff.RigidPlane((0, 0), (0, 1)), ff.Coulomb(0.3)
+    )
+    problem = ff.FrictionalContactProblem(
+        [
+            ufl.derivative(ff.bulk.stored_energy(stored, ufl.dx), u, v),
+            ufl.inner(flux, ufl.grad(q)) * ufl.dx - source * q * ufl.dx,
+            (damage - (T - outside)) * e * ufl.dx,
+        ],
+        [u, T, damage],
+        contact=contact,
+        bcs=[fem.dirichletbc(top, up), fem.dirichletbc(outside, cold, W)],
+        petsc_options_prefix="isothermal_",
+    )
+    for heat, push in ((0.0, -0.01), (0.0, -0.02), (1e-3, -0.02), (1.0, -0.02)):
+        source.value, top.x.array[1::2] = heat, push
+        report = problem.solve()
+        assert report.certified and report.iterations < 8
+        assert np.max(T.x.array) - outside == pytest.approx(0.49 * heat, rel=0.05, abs=1e-11)
+
+
+def test_a_weak_source_that_is_switched_on_is_not_overlooked():
+    """It warms the body by 0.125 K, all of it beyond the tolerance beside 300 K."""
+    problem, T, exact = warm("weak_", 5e-4, 400.0, 300.0, held=False)
+    assert problem.solve().certified
+    assert np.max(T.x.array) - 300.0 == pytest.approx(np.max(exact.x.array) - 300.0, rel=1e-3)
+
+
+def test_an_equation_on_a_part_of_the_body():
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 4, 4)
+    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0), lambda x: np.isclose(x[1], 1.0))
+    half = np.sort(mesh.locate_entities(msh, 2, lambda x: x[1] <= 0.5 + 1e-9))
+    part, cells = mesh.create_submesh(msh, 2, half)[:2]
+    dx = ufl.Measure("dx", domain=msh, subdomain_data=mesh.meshtags(msh, 2, half, 5))(5)
+    V, W = fem.functionspace(msh, ("Lagrange", 1, (2,))), fem.functionspace(part, ("Lagrange", 1))
+    u, v, T, q = fem.Function(V), ufl.TestFunction(V), fem.Function(W), ufl.TestFunction(W)
+    stored = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(1000.0, 0.3))
+    F = ufl.derivative(ff.bulk.stored_energy(stored, ufl.dx), u, v) - 0.1 * T * ufl.div(v) * dx
+    top, up = fem.Function(V), fem.locate_dofs_topological(V, 1, tags.find(2))
+    top.x.array[1::2] = -0.01
+    cold = fem.locate_dofs_geometrical(W, lambda x: np.isclose(x[1], 0.5))
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1), ff.RigidPlane((0, 0), (0, 1)), ff.Coulomb(0.3)
+    )
+    problem = ff.FrictionalContactProblem(
+        [F, ufl.inner(ufl.grad(T), ufl.grad(q)) * dx - q * dx],
+        [u, T],
+        contact=contact,
+        bcs=[fem.dirichletbc(top, up), fem.dirichletbc(0.0, cold, W)],
+        petsc_options_prefix="part_",
+        entity_maps=[cells],
+    )
+    report = problem.solve()
+    assert report.certified and report.iterations < 8
+    largest = problem.comm.allreduce(np.max(T.x.array), MPI.MAX)
+    assert largest == pytest.approx(0.125, rel=0.1)

@@ -11,7 +11,7 @@ import fenicsx_friction as ff
 from bodies import stack
 from fenicsx_friction.system.noise import rounding_errors
 from models import tagged_facets
-from rectangles import turned
+from rectangles import body, turned
 
 STEEL, DENSITY, SIDE, ANGLE = 2e11, 7800.0, 0.1, 0.5
 
@@ -146,3 +146,82 @@ def test_plane_that_moves_far_from_the_origin_presses_as_the_body_does():
         forces.append(np.array(report.contacts[0].force))
     assert forces[1] == pytest.approx(forces[0], rel=1e-9)
     assert np.linalg.norm(forces[0]) > 1e4
+
+
+@pytest.mark.parametrize("way", [0.0, 1e-17, 1e-10, 1e-5])
+@pytest.mark.parametrize("angle", [0.0, 1e-8, 1e-4])
+def test_a_body_at_finite_strain_that_carries_nothing_moves_freely(way, angle):
+    """All its forces are rounding, of the size of the stiffness."""
+    problem, _ = on_an_incline(f"idle{way:g}{angle:g}_", density=ff.bulk.neo_hooke_energy)
+    V, X = problem.u.function_space, problem.u.function_space.tabulate_dof_coordinates()[:, :2]
+    top = fem.Function(V)
+    held = np.flatnonzero((X @ turned(ANGLE, 2))[:, 1] > SIDE - 1e-6).astype(np.int32)
+    plane = ff.RigidPlane(-0.01 * turned(ANGLE, 2)[:, 1], turned(ANGLE, 2)[:, 1])
+    contact = ff.Contact(problem.contacts[0].surface, plane, ff.Coulomb(0.3))
+    stored = ff.bulk.neo_hooke_energy(problem.u, ff.bulk.Elastic(STEEL, 0.3))
+    F = ufl.derivative(ff.bulk.stored_energy(stored, ufl.dx), problem.u, ufl.TestFunction(V))
+    problem = ff.FrictionalContactProblem(
+        F,
+        problem.u,
+        contact=contact,
+        bcs=[fem.dirichletbc(top, held)],
+        petsc_options_prefix=f"free{way:g}{angle:g}_",
+    )
+    top.x.array[:] = (X @ turned(angle, 2).T - X + way).ravel()
+    report = problem.solve()
+    assert report.certified and report.iterations < 6
+    assert report.contacts[0].force == (0.0, 0.0)
+    error = problem.u.x.array - top.x.array.reshape(-1)
+    assert np.max(abs(error)) < 1e-13
+
+
+@pytest.mark.parametrize("far", [100.0, 1e4, 5e5])
+def test_a_plane_that_turns_about_a_far_point(far):
+    """Given by a point at the origin, turned by 0.5 rad about a pivot at the block."""
+    forces = []
+    for point in (0.0, far):
+        problem, _ = on_an_incline(
+            f"pivot{far:g}{point:g}_",
+            density=ff.bulk.small_strain_energy,
+            origin=(far, 0.0),
+            gravity=0.0,
+        )
+        V, axes = problem.u.function_space, turned(ANGLE, 2)
+        motion = ff.RigidMotion(V.mesh, center=(far, 0.0))
+        plane = ff.RigidPlane((point, -1.0), (0.0, 1.0), motion=motion)
+        contact = ff.Contact(problem.contacts[0].surface, plane, ff.Coulomb(0.3))
+        local = (V.tabulate_dof_coordinates()[:, :2] - [far, 0.0]) @ axes
+        held = np.flatnonzero(np.isclose(local[:, 1], SIDE, atol=1e-6)).astype(np.int32)
+        top = fem.Function(V)
+        problem = ff.FrictionalContactProblem(
+            problem.bulk,
+            problem.u,
+            contact=contact,
+            bcs=[fem.dirichletbc(top, held)],
+            petsc_options_prefix=f"turns{far:g}{point:g}_",
+        )
+        motion.angle.value, motion.translation.value[:] = ANGLE, axes @ [0.0, 1.0]
+        top.x.array[:] = np.tile(axes @ [0.0, -1e-6], len(top.x.array) // 2)
+        report = problem.solve()
+        assert report.certified and report.iterations < 10
+        forces.append(np.array(report.contacts[0].force))
+    assert forces[0] == pytest.approx(forces[1], rel=1e-6)
+    assert np.linalg.norm(forces[0]) > 1e4
+
+
+def test_a_belt_that_has_travelled_far_rubs_as_before():
+    """Only what it has moved along its normal rounds gaps: nothing."""
+    model = body(belt, "belt_", low=(0.0, 0.0), high=(SIDE, SIDE), n=(4, 4), energy="small")
+    model.place(np.eye(2), [0.0, -1e-6])
+    for travel in (0.0, 1.0, 1e3, 1e5):
+        model.contact.obstacle.motion.translation.value[0] = travel
+        report = model.problem.solve()
+        assert report.certified and report.iterations < 10
+    tangential, normal = report.contacts[0].force
+    assert tangential == pytest.approx(0.3 * normal, rel=1e-9)
+
+
+def belt(msh, surfaces):
+    """A plane that is to move along itself."""
+    plane = ff.RigidPlane((0.0, 0.0), (0.0, 1.0), motion=ff.RigidMotion(msh))
+    return [ff.Contact(surfaces[1], plane, ff.Coulomb(0.3))]
