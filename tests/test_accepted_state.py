@@ -105,3 +105,19 @@ def test_problems_of_one_prefix_keep_their_options_apart():
     )
     with pytest.raises(ff.ContactInputError, match=r"PETSc refuses the petsc_options"):
         wrong.solve()
+
+
+def test_an_audit_balances_each_step_once():
+    """Neither before the first step nor twice, nor after one that was refused."""
+    model = block("hexahedron", 0.3, "audited_")
+    audit = ff.EnergyAudit(model.problem, model.stored)
+    with pytest.raises(ff.ContactInputError, match="no step was accepted since step 0"):
+        audit.update()
+    model.move(0.0, 0.0, -0.01)
+    assert model.problem.solve().certified
+    assert audit.update().stored > 0.0
+    model.problem.settings = ff.StepSettings(raise_on_uncertified=False, tolerance=1e-300)
+    model.move(0.01, 0.0, -0.01)
+    assert not model.problem.solve().certified
+    with pytest.raises(ff.ContactInputError, match="no step was accepted since step 1"):
+        audit.update()
