@@ -70,3 +70,15 @@ def test_a_law_whose_limit_is_not_that_of_its_rows_is_refused(factor):
     with pytest.raises(ff.StepFailed) as failure:
         model.move(0.05, -DEPTH)
     assert failure.value.report.certificate.relative > 1e-3
+
+
+def test_a_law_of_the_user_may_derive_from_coulomb_with_a_constructor_of_its_own():
+    class Sandpaper(ff.Coulomb):
+        def __init__(self, grit):
+            super().__init__(mu=10.0 / grit)
+
+    model = dragged(lambda m, s: Sandpaper(25.0), "sandpaper_")
+    report = model.move(3.0, -DEPTH)
+    assert report.certified
+    tangential, normal = report.contacts[0].force
+    assert abs(tangential) == pytest.approx(0.4 * normal, rel=1e-9)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Friction laws in UFL. A new law is a class with a ``limit``."""
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import ufl
@@ -125,7 +126,9 @@ class Coulomb(FrictionLaw):
         """Return the law with a Constant in place of a number ``mu``."""
         if isinstance(self.mu, Expr) or callable(self.mu):
             return self
-        return replace(self, mu=as_constant(self.mu, msh))
+        law = copy.copy(self)  # whatever constructor a class of the user has
+        object.__setattr__(law, "mu", as_constant(self.mu, msh))
+        return law
 
     def limit(self, pressure: Expr, sliding: Sliding) -> Expr:
         """Return ``min(adhesion + mu * pressure, cap)``."""

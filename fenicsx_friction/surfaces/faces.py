@@ -118,7 +118,8 @@ def _oriented_faces(surface: ContactSurface) -> npt.NDArray[np.int64]:
         np.arange(owned, dtype=np.int32), inverse=False
     )
     msh.topology.create_connectivity(tdim - 1, tdim)
-    cells = np.array([msh.topology.connectivity(tdim - 1, tdim).links(f)[0] for f in facets])
+    facet_cells = msh.topology.connectivity(tdim - 1, tdim)
+    cells = facet_cells.array[facet_cells.offsets[facets]]
     inside = mesh.compute_midpoints(msh, tdim, cells.astype(np.int32))[:, : msh.geometry.dim]
     normal = normals(cell, corners, np.tile(cell.center, (owned, 1)))
     inward = np.sum(normal * (corners.mean(axis=1) - inside), axis=1) < 0.0
