@@ -100,7 +100,7 @@ def other(tmp_path):
     """Another process in the middle of a compilation; ends when its input is closed."""
     code = (
         "import sys; from pathlib import Path; from mpi4py import MPI\n"
-        "from fenicsx_friction.compilation import compiled\n"
+        "from fenicsx_friction.base.compilation import compiled\n"
         "def compile(jit_options):\n"
         "    source = Path(jit_options['cache_dir']) / 'libffcx_forms_0.c'\n"
         "    source.touch(); print('compiling', flush=True); sys.stdin.read()\n"
