@@ -55,7 +55,7 @@ def solve(prefix, obstacle, law, E, nu, load, motion=(0.0, 0.0)):
 
 OBSTACLES = {
     "plane": lambda a, b: lambda m: ff.RigidPlane((a, -0.001 * b), (0.0, 1.0), motion=m),
-    "circle": lambda a, b: lambda m: ff.RigidSphere((a, -10.0 - b), 10.0 + b, motion=m),
+    "circle": lambda a, b: lambda m: ff.RigidSphere((a, -100.0 - b), 100.0 + b, motion=m),
     "gap in UFL": lambda a, b: (
         lambda m: ff.ImplicitObstacle(lambda X: X[1] + 0.01 * b * X[0] ** 2 - 0.001 * a, motion=m)
     ),
