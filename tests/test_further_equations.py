@@ -13,11 +13,22 @@ from bodies import box, joined
 from models import tagged_facets
 
 
-def warm(prefix, source, conductivity=1.0, outside=0.0, *, held=True, bodies=1, friction=0.3):
-    """Return a problem in displacement and temperature, the latter's solution, and both.
+def warm(
+    prefix,
+    source,
+    conductivity=1.0,
+    outside=0.0,
+    *,
+    held=True,
+    bodies=1,
+    friction=0.3,
+    sink=None,
+):
+    """Return a problem in displacement and temperature, and the latter's solution without a sink.
 
     The top of a block is pressed down; heat of the ``source`` leaves it by its held top, or by all
-    sides at a rate. A second body, beside, has a millionth of the source.
+    sides at a rate. A second body, beside, has a millionth of the source. A ``sink`` takes heat
+    that depends on the temperature.
     """
     corners = [np.array([2.0 * k, 0.0]) for k in range(bodies)]
     parts = [box(x, x + 1.0, (4, 4), "triangle") for x in corners]
@@ -49,7 +60,7 @@ def warm(prefix, source, conductivity=1.0, outside=0.0, *, held=True, bodies=1, 
         ff.ContactSurface(msh, tags, 1), ff.RigidPlane((0, 0), (0, 1)), ff.Coulomb(friction)
     )
     problem = ff.FrictionalContactProblem(
-        [F, heat(T)],
+        [F, heat(T) if sink is None else heat(T) + sink(T) * q * ufl.dx],
         [u, T],
         contact=contact,
         bcs=[fem.dirichletbc(top, up), *thermal],
@@ -93,6 +104,27 @@ def test_wrong_temperature_is_not_certified(source, held):
     right = T.x.array.copy()
     T.x.array[:] = right * (1.0 + 1e-6)
     assert not problem.certify().solved
+    T.x.array[:] = right
+    assert problem.certify().solved
+
+
+SINKS = {
+    "kink at zero": lambda T: ufl.conditional(ufl.lt(T, 0.0), 1e15 * T, 0.0),
+    "no number below zero": lambda T: 0.1 * T**1.5,
+    "steep": lambda T: 1e6 * T**3,
+}
+
+
+@pytest.mark.parametrize("sink", SINKS.values(), ids=SINKS)
+def test_kinks_beside_the_state_are_no_noise(sink):
+    """The top is held at zero, where a small change of the temperature changes much."""
+    problem, T, linear = warm("kink_", 1.0, sink=sink)
+    T.x.array[:] = linear.x.array
+    problem.solve()
+    right = T.x.array.copy()
+    for factor in (1.0 + 1e-6, 1.5):
+        T.x.array[:] = right * factor
+        assert not problem.certify().solved
     T.x.array[:] = right
     assert problem.certify().solved
 

@@ -2,7 +2,9 @@
 
 import hashlib
 import signal
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from bodies import stack
 from fenicsx_friction.increment import correctors
 from models import block
 
+PACKAGE = str(Path(ff.__file__).parent)
 #: Interrupts at random times of one run of the test.
 INTERRUPTS = 12
 
@@ -148,3 +151,54 @@ def test_a_monitor_that_raises_leaves_the_last_state():
         model.problem.solve()
     model.problem.monitor = None
     assert fingerprint(model.problem) == before
+
+
+def interrupted(line, call):
+    """Make a call, interrupted at a line of the package counted from its start; tell whether."""
+    left = [line]
+
+    def trace(frame, event, _):
+        if not frame.f_code.co_filename.startswith(PACKAGE):
+            return None
+        left[0] -= event == "line"
+        if left[0] == 0:
+            raise KeyboardInterrupt
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        call()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(before)
+    return False
+
+
+@pytest.mark.parametrize("kind", ["rigid", "deformable"])
+def test_kinematics_after_an_interrupt_at_any_line_are_those_of_the_displacement(kind):
+    make = {"rigid": lambda p: block("hexahedron", 0.3, p), "deformable": lambda p: stack(0.3, p)}
+    model = make[kind](f"line_{kind}_")
+    model.move(0.0, 0.0, -0.01)
+    model.problem.solve()
+    pairing, u = model.contact.pairing, model.problem.u
+    places = [u.x.array.copy(), u.x.array + 1e-3 * np.sin(np.arange(u.x.array.size))]
+
+    def found(place):
+        u.x.array[:] = places[place]
+        pairing.update()
+        field, weights = pairing.derivatives()
+        return [pairing.values().copy(), field.copy(), pairing.weights(), np.asarray(weights)]
+
+    expected = [found(0), found(1)]
+    line = 0
+    while True:
+        line += 1
+        for place in (0, 1):  # the displacement goes back, or stays
+            found(0)
+            if not interrupted(line, lambda: found(1)):
+                assert line > 20
+                return
+            for now, right in zip(found(place), expected[place], strict=True):
+                assert np.array_equal(now, right)

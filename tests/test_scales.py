@@ -9,7 +9,7 @@ from dolfinx import fem
 
 import fenicsx_friction as ff
 from bodies import box, joined, stack
-from fenicsx_friction.certificate.groups import number_bodies
+from fenicsx_friction.system.bodies import number_bodies
 from models import block, tagged_facets, with_contact
 
 #: Units of length (m) and of stress (Pa): their products of all kinds stay within floating point.
@@ -170,7 +170,7 @@ def test_a_stiff_block_slides_on_a_soft_base(ratio):
         model.move(x, y)
         report = model.problem.solve()
         assert report.certified
-        assert report.iterations < 60
+        assert report.iterations < 100  # 62 here, 698 if the stiff side decides
     tangential, normal = report.contacts[0].force
     assert normal > 0.0
     assert tangential == pytest.approx(-0.3 * normal, rel=0.05)  # but for the slope of the dent

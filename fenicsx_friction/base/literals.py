@@ -6,7 +6,6 @@ coefficient of friction would compile everything again. Exponents stay, because 
 powers depend on them.
 """
 
-from functools import singledispatchmethod
 from typing import TypeVar
 
 import ufl
@@ -14,39 +13,29 @@ from dolfinx import default_scalar_type, fem, mesh
 from ufl.algorithms import expand_derivatives
 from ufl.algorithms.map_integrands import map_integrands
 from ufl.classes import Expr, FloatValue, Power, Variable
-from ufl.corealg.dag_traverser import DAGTraverser
+
+from .replacing import Replacing
 
 T = TypeVar("T", ufl.Form, Expr)
 
 
-class _Lifter(DAGTraverser):
+class _Lifter(Replacing):
     """Puts a Constant in place of each number."""
 
     def __init__(self, msh: mesh.Mesh) -> None:
         super().__init__()
         self._mesh = msh
 
-    @singledispatchmethod
-    def process(self, o: Expr) -> Expr:
-        """Keep what holds no numbers."""
-        return super().process(o)
-
-    @process.register(Expr)
-    def _(self, o: Expr) -> Expr:
-        return self.reuse_if_untouched(o)
-
-    @process.register(FloatValue)
-    def _(self, o: FloatValue) -> Expr:
-        return as_constant(float(o), self._mesh)
-
-    @process.register(Power)
-    def _(self, o: Power) -> Expr:
-        base, exponent = o.ufl_operands
-        return self(base) ** (exponent if isinstance(exponent, FloatValue) else self(exponent))
-
-    @process.register(Variable)
-    def _(self, o: Variable) -> Expr:
-        return self(o.ufl_operands[0])
+    def replacement(self, o: Expr) -> Expr | None:
+        """Return the Constant of a number, what a variable stands for, a power of a new base."""
+        if isinstance(o, FloatValue):
+            return as_constant(float(o), self._mesh)
+        if isinstance(o, Variable):
+            return self(o.ufl_operands[0])
+        if isinstance(o, Power):
+            base, exponent = o.ufl_operands
+            return self(base) ** (exponent if isinstance(exponent, FloatValue) else self(exponent))
+        return None
 
 
 def lifted(part: T, msh: mesh.Mesh) -> T:

@@ -210,7 +210,7 @@ class Contact:
 
     def nodal_traction(self) -> Array:
         """Return the traction vectors on the body in global axes (Pa); collective."""
-        return np.einsum("nk,nkd->nd", self.multipliers(), self.pairing.frames())
+        return self.pairing.traction()
 
     def limit_at_multiplier(self) -> Array:
         """Return the friction limits at the multiplier ``c_n`` (Pa); collective."""

@@ -64,8 +64,7 @@ class Prescribed:
         changed |= frame.steep_hints(normals, hints) & (fixed.sum(axis=1) != 1)
         if not any_rank(side.surface.mesh.comm, bool(np.any(changed))):
             return
-        c = side.nodal(side.c)
-        traction = np.einsum("nk,nkd->nd", c, self._pairing.frames())
+        c, traction = side.nodal(side.c), self._pairing.traction()
         kept[:] = free
         hints[changed] = frame.choose_hints(normals, fixed)[changed]
         for f in (side.hint, self._free):

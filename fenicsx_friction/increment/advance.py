@@ -33,8 +33,7 @@ def advance(system: ContactSystem) -> StepReport:
     except BaseException as error:
         last.restore()
         if not isinstance(error, StepFailed):  # solvers may be incomplete
-            for substep in (system.stick, system.slip, system.projection):
-                substep.discard()
+            system.newton.discard()
         raise
     if not report.certificate.solved:
         last.restore()

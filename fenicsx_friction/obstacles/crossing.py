@@ -7,10 +7,13 @@ A node crosses a face where it is behind it by ``depth``. This excludes nodes th
 face, rounding, and the warp of quadrilaterals, which are cut into triangles.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from ..surfaces.face_cells import Array
@@ -42,6 +45,21 @@ class Motion:
     face_x: tuple[Array, Array]
     x: tuple[Array, Array]
     directions: tuple[Array, Array]
+
+    @classmethod
+    def between(
+        cls, faces: FaceSet, nodes: FaceSet, ends: tuple[fem.Function, fem.Function]
+    ) -> Motion:
+        """Return the motion of faces and owned nodes between two displacements; collective."""
+        positions = [nodes.positions(u) for u in ends]
+        return cls(
+            face_x=(faces.positions(ends[0]), faces.positions(ends[1])),
+            x=(positions[0][nodes.own], positions[1][nodes.own]),
+            directions=(
+                nodes.node_normals(positions[0])[nodes.own],
+                nodes.node_normals(positions[1])[nodes.own],
+            ),
+        )
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,7 @@ class NodeToFace(Pairing):
         self._warn_of_coarse_nodes()
         n = side.surface.num_owned
         self._kernel = PairKernel(side.surface.mesh.comm, self.faces.cell, side.d, n)
+        self._primary_dofs = self.partners(side.u.function_space)
         self._inputs_before: tuple[Array, ...] | None = None
         self._history = FacePairs(self.faces, self._secondary, policy, side)
 
@@ -69,13 +70,12 @@ class NodeToFace(Pairing):
 
     def update(self) -> None:
         """Follow the displacement, as far as it has changed; collective."""
-        now = self._inputs()
-        before = self._inputs_before
+        now, before = self._inputs(), self._inputs_before
         changed = before is None or not all(map(np.array_equal, now, before))
         if not any_rank(self.primary.mesh.comm, changed):
             return
-        self._inputs_before = now
-        self._now = self._geometry(now[0])
+        self._inputs_before = None  # until all is written: an interrupt may come
+        self._now = self._geometry()
         values = self._kernel.values(self._now)
         n, size = len(values), self._kernel.size
         width = self.field.function_space.dofmap.bs
@@ -89,6 +89,7 @@ class NodeToFace(Pairing):
         )
         self.field.x.scatter_forward()
         self._shapes = values[:, size:]
+        self._inputs_before = now
 
     def derivatives(self) -> tuple[Array, Array | None]:
         """Return the derivatives of field and weights by the stencil's positions."""
@@ -118,18 +119,18 @@ class NodeToFace(Pairing):
         return self._history.nodes()
 
     def _inputs(self) -> tuple[Array, ...]:
-        """Return all that the kinematics depend on; collective."""
-        u = self.side.owned(self.side.u.x.array)
-        around = self.faces.gather_dofs(self.side.u.x.array)[self.nodes()]
-        return around - u[:, None], u, self.side.nodal(self.side.hint).copy()
+        """Return all of this rank that the kinematics depend on."""
+        u, hint = self.side.u.x.array, self.side.nodal(self.side.hint).copy()
+        return self.side.owned(u), u.reshape(-1, self.side.d)[self._primary_dofs], hint
 
-    def _geometry(self, displacements: Array) -> PairGeometry:
+    def _geometry(self) -> PairGeometry:
         """Collect the current configuration of this rank's pairs, with each node at the origin.
 
         So neither large coordinates nor a common motion add rounding.
         """
-        own = self._secondary.own
-        around = self.faces.X[self.nodes()] - self._secondary.X[own][:, None] + displacements
+        own, u = self._secondary.own, self.side.u.x.array
+        around = self.faces.gather_dofs(u)[self.nodes()] - self.side.owned(u)[:, None]
+        around += self.faces.X[self.nodes()] - self._secondary.X[own][:, None]
         x = np.zeros((len(around), self.side.d))
         # Newton's start does not depend on earlier evaluations: the fields depend on pairs and
         # displacements only, to the last bit.
@@ -208,16 +209,7 @@ class NodeToFace(Pairing):
 
     def crossed(self, closed: Mask) -> Mask:
         """Tell which nodes have gone through faces since the last step; collective."""
-        own = self._secondary.own
-        both = [self._secondary.positions(f) for f in (self.side.u_old, self.side.u)]
-        motion = Motion(
-            face_x=(self.faces.positions(self.side.u_old), self.faces.positions(self.side.u)),
-            x=(both[0][own], both[1][own]),
-            directions=(
-                self._secondary.node_normals(both[0])[own],
-                self._secondary.node_normals(both[1])[own],
-            ),
-        )
+        motion = Motion.between(self.faces, self._secondary, (self.side.u_old, self.side.u))
         return find_crossed(self.faces, motion, ~closed, self._history.start.face)
 
     def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:

@@ -132,6 +132,10 @@ class Pairing(ABC):
         """Return the frames ``(n, e_1[, e_2])``, (nodes, d, d); collective."""
         return frames(self.values(), self.side.d)
 
+    def traction(self) -> Array:
+        """Return the tractions of the multipliers in global axes (Pa); collective."""
+        return np.asarray(np.einsum("nk,nkd->nd", self.side.nodal(self.side.c), self.frames()))
+
     # -- what else is asked of an obstacle -------------------------------------------------------
 
     def view(self, u: fem.Function) -> View:

@@ -123,18 +123,21 @@ class RigidPairing(Pairing):
         X = ufl.SpatialCoordinate(side.surface.mesh)
         values = obstacle.near(side).kinematic_values(X, side.u, side.u_old, side.hint)
         self._kernel = NodalKernel(side.surface, values, [side.u])
+        self._written = 0
 
     def update(self) -> None:
         """Follow the displacement, as far as it has changed; collective."""
-        if not any_rank(self.side.surface.mesh.comm, self._kernel.refresh()):
+        version = self._kernel.version()
+        if not any_rank(self.side.surface.mesh.comm, version != self._written):
             return
-        values = self._kernel.values(refresh=False)
+        values = self._kernel.values()
         self.field.x.array[: values.size] = values.ravel()
         self.field.x.scatter_forward()
+        self._written = version
 
     def derivatives(self) -> tuple[Array, None]:
         """Return the derivatives of the field by the displacement of the node."""
-        return self._kernel.derivatives(refresh=False)[0], None
+        return self._kernel.derivatives()[0], None
 
     def weights(self) -> Array:
         """Return one share for each node."""

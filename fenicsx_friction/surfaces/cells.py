@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Refuses cells without volume, cells inverted in part, and cells folded on their neighbours."""
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import mesh
@@ -112,3 +114,14 @@ def _refuse(msh: mesh.Mesh, bad: npt.NDArray[np.bool_], what: str) -> None:
             f"{messages[0][0]}; {count} such cells in all. Mend the mesh; contact is not solved "
             "on overlapping or empty cells."
         )
+
+
+def extreme_sizes(msh: mesh.Mesh) -> tuple[float, float]:
+    """Return the sizes of the smallest and of the largest cell (m); collective."""
+    cells = np.arange(msh.topology.index_map(msh.topology.dim).size_local, dtype=np.int32)
+    sizes = msh.h(msh.topology.dim, cells)
+    smallest, largest = np.min(sizes, initial=np.inf), np.max(sizes, initial=0.0)
+    return (
+        float(msh.comm.allreduce(float(smallest), MPI.MIN)),
+        float(msh.comm.allreduce(float(largest), MPI.MAX)),
+    )

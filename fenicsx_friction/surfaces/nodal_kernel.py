@@ -8,8 +8,7 @@ nodes, such as a gradient, counts with its mean over the facets round the node.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import singledispatchmethod
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -21,18 +20,15 @@ import ufl
 from dolfinx import default_scalar_type, fem, mesh
 from ufl.algorithms import expand_derivatives
 from ufl.classes import (
-    Coefficient,
-    ConstantValue,
     Derivative,
     Expr,
     GeometricQuantity,
     SpatialCoordinate,
 )
-from ufl.constant import Constant
-from ufl.corealg.dag_traverser import DAGTraverser
 
 from ..base.compilation import compiled
 from ..base.literals import lifted
+from ..base.replacing import Replacing
 from .surface import ContactSurface, has_vertex_dofs
 
 Array = npt.NDArray[np.floating]
@@ -75,106 +71,81 @@ class NodalKernel:
         surface: The contact surface.
         values: UFL vector over the parent mesh and the submesh.
         by: Functions to differentiate by: nodal ones of the surface, or with a dof at each vertex.
-        nodal: Nodal values of some Functions, in place of those that they hold.
     """
 
     def __init__(
-        self,
-        surface: ContactSurface,
-        values: Expr,
-        by: Sequence[fem.Function] = (),
-        nodal: Mapping[fem.Function, Callable[[], Array]] | None = None,
+        self, surface: ContactSurface, values: Expr, by: Sequence[fem.Function] = ()
     ) -> None:
         self._points, comm = Points(surface.num_owned), surface.mesh.comm
-        copier = _Copier(surface, self._points, dict(nodal or {}))
-        at_points = copier(expand_derivatives(values))
-        self.refresh, self._sizes = copier.refresh, [(len(values), 1)]
+        self._copies = copies = _Copies(surface, self._points)
+        at_points = copies(expand_derivatives(values))
+        self._sizes = [(len(values), 1)]
         entries = _entries(at_points)
         for f in by:
-            variable = ufl.variable(copier(f))
-            derivative = ufl.diff(ufl.replace(at_points, {copier(f): variable}), variable)
+            variable = ufl.variable(copies(f))
+            derivative = ufl.diff(ufl.replace(at_points, {copies(f): variable}), variable)
             entries += _entries(derivative)
             self._sizes.append((len(values), int(np.prod(f.ufl_shape, dtype=int))))
         # All in one, for the compiler is slow, and the nodes of a surface are few.
         self._evaluate = self._points.expression(ufl.as_vector(entries), comm)
-        self._parts: list[Array] | None = None
+        self._kept: tuple[int, list[Array]] = (0, [])
 
-    def values(self, *, refresh: bool = True) -> Array:
-        """Return the values now, one row a node; collective unless they are of the last refresh."""
-        return self._now(refresh)[0][:, :, 0].copy()
+    def version(self) -> int:
+        """Return a number that changes with what the values depend on; collective."""
+        return self._copies.refresh()
 
-    def derivatives(self, *, refresh: bool = True) -> list[Array]:
-        """Return the derivatives by each Function: (nodes, values, components)."""
-        return self._now(refresh)[1:]
+    def values(self) -> Array:
+        """Return the values now, one row a node; collective."""
+        return self._now()[0][:, :, 0].copy()
 
-    def _now(self, refresh: bool) -> list[Array]:
+    def derivatives(self) -> list[Array]:
+        """Return the derivatives by each Function: (nodes, values, components); collective."""
+        return self._now()[1:]
+
+    def _now(self) -> list[Array]:
         """Evaluate values and derivatives, as far as anything has changed."""
-        if (refresh and self.refresh()) or self._parts is None or not refresh:
+        version = self._copies.refresh()
+        if version != self._kept[0]:
             ends = np.cumsum([a * b for a, b in self._sizes])
             parts = np.split(self._evaluate(), ends[:-1], axis=1)
-            self._parts = [
-                part.reshape(len(part), *size)
-                for part, size in zip(parts, self._sizes, strict=True)
-            ]
-        return self._parts
+            self._kept = (
+                version,
+                [a.reshape(len(a), *size) for a, size in zip(parts, self._sizes, strict=True)],
+            )
+        return self._kept[1]
 
 
-class _Copier(DAGTraverser):
+class _Copies(Replacing):
     """Copies terminals to the mesh of points; ``refresh`` copies their values."""
 
-    def __init__(
-        self,
-        surface: ContactSurface,
-        points: Points,
-        nodal: dict[fem.Function, Callable[[], Array]],
-    ) -> None:
+    def __init__(self, surface: ContactSurface, points: Points) -> None:
         super().__init__()
-        self._surface, self._points, self._nodal = surface, points, nodal
+        self._surface, self._points, self._version = surface, points, 1
         self._sources: list[tuple[Any, Callable[[], Array]]] = []
-        self._first = True
 
-    def refresh(self) -> bool:
-        """Copy the values of now; tell whether any has changed on this rank; collective."""
-        changed, self._first = self._first, False
+    def refresh(self) -> int:
+        """Copy the values of now; return a number that changes with them; collective."""
         for copy, source in self._sources:
             now = np.asarray(source())
             kept = copy.value if isinstance(copy, fem.Constant) else copy.x.array
             if now.size and not np.array_equal(kept.ravel(), now.ravel()):
+                self._version += 1  # first, for an interrupt may come
                 kept[...] = now.reshape(kept.shape)
-                changed = True
-        return changed
+        return self._version
 
-    @singledispatchmethod
-    def process(self, o: Expr) -> Expr:
-        """Keep what holds no terminals."""
-        return super().process(o)
-
-    @process.register(Expr)
-    def _(self, o: Expr) -> Expr:
-        return self.reuse_if_untouched(o)
-
-    @process.register(ConstantValue)
-    def _(self, o: ConstantValue) -> Expr:
-        return o
-
-    @process.register(Constant)
-    def _(self, o: Any) -> Expr:
-        copy = fem.Constant(self._points.mesh, np.zeros(o.ufl_shape, dtype=default_scalar_type))
-        self._sources.append((copy, lambda: o.value))
-        return copy
-
-    @process.register(Coefficient)
-    def _(self, o: Any) -> Expr:
-        return self._field(o, self._nodal.get(o) or self._vertex_values(o))
-
-    @process.register(SpatialCoordinate)
-    def _(self, o: Expr) -> Expr:
-        return self._field(o, lambda: self._surface.x[:, : o.ufl_shape[0]])
-
-    @process.register(GeometricQuantity)
-    @process.register(Derivative)
-    def _(self, o: Expr) -> Expr:
-        return self._field(o, None)
+    def replacement(self, o: Any) -> Expr | None:
+        """Return the copy of a terminal, or of a derivative."""
+        if isinstance(o, fem.Constant):
+            copy = fem.Constant(self._points.mesh, np.zeros(o.ufl_shape, dtype=default_scalar_type))
+            self._sources.append((copy, lambda: o.value))
+            return copy
+        if isinstance(o, fem.Function):
+            return self._field(o, self._vertex_values(o))
+        if isinstance(o, SpatialCoordinate):
+            return self._field(o, lambda: self._surface.x[:, : o.ufl_shape[0]])
+        if isinstance(o, (GeometricQuantity, Derivative)):
+            return self._field(o, None)
+        return None
 
     def _field(self, o: Expr, values: Callable[[], Array] | None) -> Expr:
         """Return a Function of the points that holds a terminal's nodal values."""

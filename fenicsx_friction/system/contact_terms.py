@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from petsc4py import PETSc
 
@@ -22,7 +23,7 @@ from ufl.core.expr import Expr
 from ..base.collective import any_rank
 from ..base.errors import ContactInputError
 from ..contact.contact import Contact
-from ..obstacles.kinematics import Array, frame_slopes, frames
+from ..obstacles.kinematics import Array, frame_slopes
 from ..surfaces.nodal_kernel import NodalKernel
 from ..surfaces.surface import has_vertex_dofs
 from .conditions import constrained_dofs, with_conditions
@@ -31,7 +32,7 @@ from .numbering import global_dofs
 Indices = npt.NDArray[np.int64]
 
 
-@dataclass
+@dataclass(eq=False)
 class Law:
     """The rows of one kind of substep at the nodes of each contact.
 
@@ -68,6 +69,7 @@ class ContactTerms:
         self._rows = [rows.copy() for rows in self._all_rows]
         for V, free in zip(spaces, self._rows, strict=True):
             free[constrained_dofs(V, bcs)] = -1
+        self._stencils: dict[tuple[object, int], tuple[int, Indices]] = {}
 
     @property
     def versions(self) -> tuple[int, ...]:
@@ -108,7 +110,7 @@ class ContactTerms:
     def momentum(self) -> Array:
         """Return the residual forces of contact (N) at the owned dofs, held ones included."""
         vector = PETSc.Vec().createMPI((self._num_rows, None), comm=self._comm)
-        self._add_forces(vector, self._all_rows[0])
+        self._add_forces(vector, "all")
         values = vector.array[: self._num_owned].copy()
         vector.destroy()
         return np.asarray(values)
@@ -123,7 +125,7 @@ class ContactTerms:
 
     def add_residual(self, b: PETSc.Vec, law: Law) -> None:
         """Add to an assembled residual, with Dirichlet values lifted as in the forms."""
-        self._add_forces(b, self._rows[0])
+        self._add_forces(b, "free")
         c_rows = self._rows[len(self._rows) - len(self._contacts) :]
         for k, values, rows in zip(self._contacts, self.residuals(law), c_rows, strict=True):
             _add(b, k.pairing.side.nodal_entries(rows), values)
@@ -137,20 +139,32 @@ class ContactTerms:
                 _add(b, rows, np.einsum("nij,nj->ni", matrix, step))
         b.assemble()
 
-    def _add_forces(self, vector: PETSc.Vec, target: Indices) -> None:
-        """Subtract the nodal forces of contact from the rows of the momentum balance."""
-        for k in self._contacts:
-            forces = -k.nodal_area()[:, None] * k.nodal_traction()
+    def _add_forces(self, vector: PETSc.Vec, kind: str) -> None:
+        """Subtract the nodal forces of contact from the momentum balance, of free rows or all."""
+        target = (self._rows if kind == "free" else self._all_rows)[0]
+        for i, k in enumerate(self._contacts):
+            forces = -k.nodal_area()[:, None] * k.pairing.traction()
             weights = k.pairing.weights()
-            rows = k.pairing.gather(target, missing=-1)[:, : weights.shape[1]]
-            _add(vector, rows, weights[:, :, None] * forces[:, None])
+            rows = self._kept(kind, i, partial(k.pairing.gather, target, missing=-1))
+            _add(vector, rows[:, : weights.shape[1]], weights[:, :, None] * forces[:, None])
         vector.assemble()
+
+    def _kept(self, what: object, i: int, find: Callable[[], Indices]) -> Indices:
+        """Return rows of a contact's stencils, found again only when these have changed."""
+        version = self._contacts[i].pairing.version
+        known = self._stencils.get((what, i))
+        if known is None or known[0] != version:
+            known = self._stencils[what, i] = version, find()
+        return known[1]
 
     # -- Jacobian --------------------------------------------------------------------------------
 
     def columns(self, law: Law) -> list[Indices]:
         """Return the rows of the dofs of each element: stencil, multipliers, further unknowns."""
-        return [self._of_elements(i, law, self._rows, -1) for i in range(len(self._contacts))]
+        return [
+            self._kept(law, i, partial(self._of_elements, i, law, self._rows, -1))
+            for i in range(len(self._contacts))
+        ]
 
     def _of_elements(
         self, i: int, law: Law, values: Sequence[npt.NDArray], missing: float
@@ -188,9 +202,8 @@ def _element_matrices(k: Contact, kernel: NodalKernel) -> Array:
     slopes, weight_slopes = k.pairing.derivatives()
     by_field, by_c, *by_others = kernel.derivatives()
     n, z = len(values), slopes.shape[2]
-    frame, weights, c = frames(values, d), k.pairing.weights(), k.multipliers()
-    traction = np.einsum("nk,nkd->nd", c, frame)
-    slope = np.einsum("nk,nkdz->ndz", c, frame_slopes(values, slopes, d))
+    frame, weights, traction = k.pairing.frames(), k.pairing.weights(), k.pairing.traction()
+    slope = np.einsum("nk,nkdz->ndz", k.multipliers(), frame_slopes(values, slopes, d))
     sizes = [z, d, *(a.shape[2] for a in by_others)]
     matrix = np.zeros((n, sum(sizes), sum(sizes)))
     for i in range(weights.shape[1]):

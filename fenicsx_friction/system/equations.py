@@ -5,11 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
@@ -17,12 +15,16 @@ from dolfinx.la import InsertMode
 
 from ..base.collective import largest_of_ranks
 from ..base.compilation import compiled
-from ..certificate.groups import Array, Groups, number_bodies
+from ..certificate.groups import Array, Groups
 from ..certificate.scales import DIGITS, Scales
+from ..surfaces.cells import extreme_sizes
+from .bodies import number_bodies
 from .conditions import with_conditions
 
 #: A row is measured by forces if a strain of one changes more than this fraction of it.
 LINKED = 1e-6
+#: More than this many times the rounding of the unknowns is not rounding, but a kink, say.
+MOST_NOISE = 64.0
 #: Fractional parts of cell number times golden ratio differ much between neighbours.
 GOLDEN = (1.0 + 5.0**0.5) / 2.0
 
@@ -72,18 +74,17 @@ class FurtherEquation:
         owned, bs = V.dofmap.index_map.size_local, V.dofmap.index_map_bs
         self.body = np.repeat(body, bs)[: owned * bs]
         self._groups = Groups(self.body, self.number)
-        found = [self._derivative(residual, f) for f in others]
         self._others = list(others)
-        self._bodies = [_bodies(f.function_space, V, self.number) for f in others]
-        self._norms = [size for _, size in found]
-        diagonal, norm = found[[f is unknown for f in others].index(True)]
-        self.slope: Array = np.where(diagonal > 0.0, diagonal, norm)
-        msh = others[0].function_space.mesh
-        size = msh.comm.allreduce(float(np.max(msh.h(msh.topology.dim, _cells(msh)))), MPI.MAX)
-        strained = self._norms[0] * size
-        own = float(np.max(self._hidden(), initial=0.0)) / DIGITS
-        self.linked = strained > LINKED * own
-        self.unit = stiffest / self._norms[0] if self.linked and stiffest > 0.0 else 1.0
+        self._tangents = [self._tangent(residual, f) for f in others]
+        own = next(t for t, f in zip(self._tangents, others, strict=True) if f is unknown)
+        diagonal = 0.0 if own is None else own.getDiagonal().array
+        slope = np.where(diagonal > 0.0, diagonal, self._largest_row(own))
+        self.slope: Array = np.broadcast_to(slope, len(self.body))
+        strained = self._largest_row(self._tangents[0])
+        _, size = extreme_sizes(others[0].function_space.mesh)
+        terms = float(np.max(self._hidden(), initial=0.0)) / DIGITS
+        self.linked = bool(strained * size > LINKED * terms)
+        self.unit = stiffest / strained if self.linked and stiffest > 0.0 else 1.0
         sloped = np.where(self.slope > 0.0, self.slope, 1.0)
         self.row_factors = np.full(len(self.body), self.unit) if self.linked else sloped
         self.begin()
@@ -95,7 +96,8 @@ class FurtherEquation:
 
     def find_noise(self, errors: Array) -> None:
         """Take the rounding errors of the rows of this state, until the next step begins."""
-        self.noise = largest_of_ranks(self._comm, self._groups.largest(errors))
+        noise = largest_of_ranks(self._comm, self._groups.largest(errors))
+        self.noise = np.where(noise <= MOST_NOISE * self._hidden(), noise, 0.0)
 
     def scales(self, bodies: Scales) -> Scales:
         """Measure the equation in each body.
@@ -119,16 +121,15 @@ class FurtherEquation:
         )
 
     def _hidden(self) -> Array:
-        """Return the rounding error that the unknowns cause in a row of each body."""
-        most = np.zeros(self.number)
-        for f, norm, groups in zip(self._others, self._norms, self._bodies, strict=True):
-            values = np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs)))
-            if groups is None:  # of another mesh
-                largest = np.full(self.number, np.max(values, initial=0.0))
-            else:
-                largest = groups.largest(values)
-            most = np.maximum(most, norm * largest)
-        return DIGITS * np.nan_to_num(largest_of_ranks(self._comm, most), posinf=0.0)
+        """Return the largest rounding error that the unknowns cause in a row of each body."""
+        terms = np.zeros(len(self.body))
+        for f, tangent in zip(self._others, self._tangents, strict=True):
+            x = np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs)))
+            V = f.function_space
+            terms += self._terms(
+                tangent, x[: V.dofmap.index_map.size_local * V.dofmap.index_map_bs]
+            )
+        return DIGITS * largest_of_ranks(self._comm, self._groups.largest(terms))
 
     def _flows(self) -> Array:
         """Return the largest flow of each body."""
@@ -137,30 +138,43 @@ class FurtherEquation:
         flows = self._groups.largest(abs(vector.array[: len(self.body)]))
         return largest_of_ranks(self._comm, flows)
 
-    def _derivative(self, residual: ufl.Form, by: fem.Function) -> tuple[Array, float]:
-        """Return the diagonal of a derivative of the equation, if it is square, and its norm."""
+    def _tangent(self, residual: ufl.Form, by: fem.Function) -> PETSc.Mat | None:
+        """Return the absolute values of the derivatives of the rows by an unknown, if any."""
         tangent = ufl.algorithms.expand_derivatives(ufl.derivative(residual, by))
-        diagonal = np.zeros(len(self.body))
         if tangent.empty():
-            return diagonal, 0.0
+            return None
         matrix = assemble_matrix(self._compiled(tangent))
         matrix.assemble()
-        if by is self._unknown:  # square
-            diagonal = abs(matrix.getDiagonal().array)
-        norm = matrix.norm(PETSc.NormType.INFINITY)
+        rows, columns, values = matrix.getValuesCSR()
+        sizes = matrix.getSizes()
         matrix.destroy()
-        return diagonal, float(norm)
+        values = np.nan_to_num(abs(values), posinf=0.0)
+        return PETSc.Mat().createAIJ(sizes, csr=(rows, columns, values), comm=self._comm)
+
+    def _terms(self, tangent: PETSc.Mat | None, x: Array) -> Array:
+        """Return the sums of the sizes of the terms of each owned row.
+
+        Args:
+            tangent: Absolute values of derivatives.
+            x: Absolute values of their unknown at its owned dofs.
+        """
+        if tangent is None:
+            return np.zeros(len(self.body))
+        there, rows = tangent.createVecs()
+        there.array[:] = x
+        tangent.mult(there, rows)
+        found = rows.array.copy()
+        there.destroy()
+        rows.destroy()
+        return np.asarray(found)
+
+    def _largest_row(self, tangent: PETSc.Mat | None) -> float:
+        """Return the largest sum of a row."""
+        return 0.0 if tangent is None else float(tangent.norm(PETSc.NormType.INFINITY))
 
     def _compiled(self, form: ufl.Form) -> fem.Form:
         """Compile a form."""
         return compiled(fem.form, self._comm)(form, entity_maps=self._maps)
-
-
-def _bodies(W: fem.FunctionSpace, V: fem.FunctionSpace, number: int) -> Groups | None:
-    """Group the local dofs of a space by the bodies of another one, if of one mesh."""
-    if W.mesh is not V.mesh:
-        return None
-    return Groups(np.repeat(number_bodies(W)[1], W.dofmap.index_map_bs), number)
 
 
 def _weighted(residual: ufl.Form, V: fem.FunctionSpace) -> dict[ufl.Argument, ufl.core.expr.Expr]:
@@ -171,8 +185,3 @@ def _weighted(residual: ufl.Form, V: fem.FunctionSpace) -> dict[ufl.Argument, uf
     local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
     weights.x.array[:] = 2.0 * ((index_map.local_to_global(local) * GOLDEN) % 1.0) - 1.0
     return {test: weights * test}
-
-
-def _cells(msh: mesh.Mesh) -> npt.NDArray[np.int32]:
-    """Return the owned cells."""
-    return np.arange(msh.topology.index_map(msh.topology.dim).size_local, dtype=np.int32)

@@ -14,9 +14,11 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..base.collective import largest_of_ranks
-from ..certificate.groups import Array, Groups, Labels, connected, number_bodies
+from ..certificate.groups import Array, Groups, Labels, connected
 from ..certificate.scales import DIGITS, FAINT, Scales
 from ..contact.contact import Contact
+from ..surfaces.cells import extreme_sizes
+from .bodies import number_bodies
 from .conditions import with_conditions
 from .contact_terms import ContactTerms
 from .equations import FurtherEquation
@@ -45,8 +47,8 @@ class ForceScales:
         stiffness: Diagonal of the bulk stiffness (N/m) at the owned dofs of the displacement.
         equations: The equations beside the momentum balance.
         terms: How contact enters the equations.
-        residuals: Returns these, and the rows of the further equations.
         momentum: Returns the unbalanced nodal forces (N) of the owned dofs, reactions included.
+        residuals: Returns these, and the rows of the further equations.
 
     Attributes:
         number: Number of bodies.
@@ -85,10 +87,7 @@ class ForceScales:
         self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
         self._linked = self._link(body)
         self.contact_nodes = self._comm.allreduce(sum(len(n) for n in self._bodies), MPI.SUM)
-        msh = self._u.function_space.mesh
-        cells = np.arange(msh.topology.index_map(msh.topology.dim).size_local, dtype=np.int32)
-        sizes = msh.h(msh.topology.dim, cells)
-        self._size = self._comm.allreduce(float(np.max(sizes, initial=0.0)), MPI.MAX)
+        _, self._size = extreme_sizes(self._u.function_space.mesh)
         self._residuals = residuals
         self.begin()
 
@@ -221,7 +220,8 @@ class ForceScales:
             self._contacts, self.surfaces, self._traction_lengths(), strict=True
         ):
             largest = np.maximum(largest, group.largest(k.nodal_area() * lengths))
-        largest = np.maximum(largest, self._all.largest(abs(self._terms.momentum())))
+        if any(k.pairing.deformable for k in self._contacts):  # the reactions are forces, too
+            largest = np.maximum(largest, self._all.largest(abs(self._terms.momentum())))
         return largest
 
     def _traction_lengths(self) -> list[Array]:

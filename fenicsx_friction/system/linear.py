@@ -31,11 +31,11 @@ SOLVERS = (
     *("mkl_cpardiso", "pastix", "strumpack"),
 )
 
-MORE_WORKSPACE = (
+ASK_FOR_WORKSPACE = (
     "its workspace was estimated too small: pass petsc_options={'mat_mumps_icntl_14': 100} (per "
     "cent above the estimate), or more"
 )
-MORE_MEMORY = (
+ASK_FOR_MEMORY = (
     "use a machine with more memory or more ranks on several machines, a coarser mesh, or factors "
     "on disk with petsc_options={'mat_mumps_icntl_22': 1}"
 )
@@ -139,14 +139,14 @@ def _mumps_code(ksp: PETSc.KSP) -> tuple[int, int]:
 def _meaning(code: int, more: int) -> str:
     """Translate a negative ``INFOG(1)``."""
     if code in WORKSPACE:
-        return f"MUMPS ran out of memory: {MORE_WORKSPACE}"
+        return f"MUMPS ran out of memory: {ASK_FOR_WORKSPACE}"
     if code in ALLOCATION:
         size = f"{-more} million" if more < 0 else str(more)
-        return f"out of memory: MUMPS could not get {size} entries; {MORE_MEMORY}"
+        return f"out of memory: MUMPS could not get {size} entries; {ASK_FOR_MEMORY}"
     if code == LIMITED:
         return (
             "MUMPS may not use more memory: its limit, option mat_mumps_icntl_23 (MB a rank), is "
-            f"too small; raise it or leave it out, or {MORE_MEMORY}"
+            f"too small; raise it or leave it out, or {ASK_FOR_MEMORY}"
         )
     if code == OUT_OF_CORE:
         return (

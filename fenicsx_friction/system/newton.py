@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from petsc4py import PETSc
 
@@ -60,6 +60,7 @@ class Newton:
         require_solver(self.options, self.comm)
         self._problem: NonlinearProblem | None = None
         self.callbacks: Callbacks | None = None
+        self._solvers: dict[str, PETSc.SNES] = {}
         self._linear_options: dict[str, str] = {}
 
     @property
@@ -81,18 +82,28 @@ class Newton:
         return self._problem
 
     def discard(self) -> None:
-        """Forget solver and matrices, which may be incomplete after an error."""
+        """Forget solvers and matrix, which may be incomplete after an error."""
         self._problem = self.callbacks = None
+        self._solvers = {}
 
-    def solver(self, prefix: str) -> PETSc.SNES:
-        """Return a new nonlinear solver of a substep, with the linear solver of all."""
-        snes = PETSc.SNES().create(self.comm)
-        snes.setOptionsPrefix(prefix)
-        snes.setKSP(self.problem.solver.getKSP())
-        assert self.callbacks is not None
-        self.callbacks.attach(snes)
-        set_up(snes, self.options)
-        return snes
+    def solver(self, prefix: str, test: Callable[..., object]) -> PETSc.SNES:
+        """Return the nonlinear solver of a substep, which has the linear solver of all.
+
+        Args:
+            prefix: Of its PETSc options.
+            test: Its convergence test; must not hold the substep.
+        """
+        problem = self.problem
+        if prefix not in self._solvers:
+            snes = PETSc.SNES().create(self.comm)
+            snes.setOptionsPrefix(prefix)
+            snes.setKSP(problem.solver.getKSP())
+            assert self.callbacks is not None
+            self.callbacks.attach(snes)
+            snes.setConvergenceTest(test)  # type: ignore[arg-type]
+            set_up(snes, self.options)
+            self._solvers[prefix] = snes
+        return self._solvers[prefix]
 
     def prepare(self, snes: PETSc.SNES, law: Law) -> PETSc.Vec:
         """Prepare a solve of a substep from the present unknowns; return their vector."""

@@ -12,7 +12,9 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, mesh
+from dolfinx import fem
+
+from ..surfaces.cells import extreme_sizes
 
 Array = npt.NDArray[np.floating]
 #: Strain of the step, and its fraction of further unknowns: large enough to change many digits of a
@@ -31,7 +33,7 @@ def rounding_errors(
     """
     comm = unknowns[0].function_space.mesh.comm
     kept = [f.x.array.copy() for f in unknowns]
-    lengths = [_smallest_cell(unknowns[0].function_space.mesh)]
+    lengths = [extreme_sizes(unknowns[0].function_space.mesh)[0]]
     lengths += [comm.allreduce(float(np.max(abs(a), initial=0.0)), MPI.MAX) for a in kept[1:]]
     generator, steps = np.random.default_rng(comm.rank), []
     for f, length in zip(unknowns, lengths, strict=True):
@@ -49,10 +51,3 @@ def rounding_errors(
         for f, values in zip(unknowns, kept, strict=True):
             f.x.array[:] = values
     return [abs(a - 2.0 * b + c) for a, b, c in zip(*found, strict=True)]
-
-
-def _smallest_cell(msh: mesh.Mesh) -> float:
-    """Return the size of the smallest cell (m); collective."""
-    cells = np.arange(msh.topology.index_map(msh.topology.dim).size_local, dtype=np.int32)
-    smallest = np.min(msh.h(msh.topology.dim, cells), initial=np.inf)
-    return float(msh.comm.allreduce(float(smallest), MPI.MIN))

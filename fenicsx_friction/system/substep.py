@@ -46,9 +46,7 @@ class Substep:
         self.name, self._prefix = name, f"{prefix}{name}_"
         self._newton, self._rows, self._scales = newton, rows, newton.scales
         self._law: Law | None = None
-        self._solver: PETSc.SNES | None = None
-        self._solves: object = None
-        self._progress, self._failure = Progress(self._scales, 0.0), ""
+        self._progress, self._failure, self._spent = Progress(self._scales, 0.0), "", 0
 
     @property
     def law(self) -> Law:
@@ -60,13 +58,9 @@ class Substep:
     @property
     def solver(self) -> PETSc.SNES:
         """The nonlinear solver of this substep."""
-        problem = self._newton.problem
-        if self._solver is None or self._solves is not problem:
-            self._solver, self._solves = self._newton.solver(self._prefix), problem
-            # Weak: in a cycle, each rank's garbage collector would destroy collective objects.
-            test = weakref.WeakMethod(self._test)
-            self._solver.setConvergenceTest(lambda *arguments: test()(*arguments))  # type: ignore[misc]
-        return self._solver
+        # Weak: in a cycle, each rank's garbage collector would destroy collective objects.
+        test = weakref.WeakMethod(self._test)
+        return self._newton.solver(self._prefix, lambda *arguments: test()(*arguments))  # type: ignore[misc]
 
     def jacobian(self) -> PETSc.Mat:
         """Assemble the matrix of Newton's method at the current unknowns; the SNES owns it."""
@@ -107,18 +101,13 @@ class Substep:
         except PETSc.Error as error:
             callbacks = self._newton.callbacks
             cause = error.__context__ if callbacks is None else callbacks.error
-            self.discard()
+            self._newton.discard()
             if cause is not None:
                 raise cause from None
             raise
         except BaseException:
-            self.discard()
+            self._newton.discard()
             raise
-
-    def discard(self) -> None:
-        """Forget solvers and matrices, which may be incomplete after an error."""
-        self._solver = None
-        self._newton.discard()
 
     def solve(
         self,
@@ -147,16 +136,17 @@ class Substep:
         chosen, limit = options["snes_linesearch_type"], options["snes_max_it"]
         snes.getLineSearch().setType(str(line_search or chosen))
         snes.setTolerances(max_it=int(str(max_it or limit)))
-        self._progress, self._failure = Progress(self._scales, tolerance), ""
+        self._progress, self._failure, self._spent = Progress(self._scales, tolerance), "", 0
         converged, reason = self._run(target)
         history = self._progress.history
+        iterations = self._spent + max(len(history) - 1, 0)
         message = "%s: %d iterations, %s"
-        tell(self._newton.comm, logging.DEBUG, message, self.name, len(history) - 1, reason)
+        tell(self._newton.comm, logging.DEBUG, message, self.name, iterations, reason)
         return SubstepReport(
             name=self.name,
             xi=xi,
             eps=eps,
-            iterations=max(len(history) - 1, 0),
+            iterations=iterations,
             converged=converged,
             reason="CYCLE" if self._progress.cycled else reason,
             residuals=tuple(history),
@@ -173,6 +163,7 @@ class Substep:
             for f, values in zip(unknowns, start, strict=True):
                 f.x.array[:] = values
             forget_factor(self.solver)
+            self._spent = len(self._progress.history) - 1
             self._progress = Progress(self._scales, self._progress.tolerance)
             found = self._run_once(target, MORE_WORKSPACE | options)
         if self.solver.getConvergedReason() == LINEAR:
