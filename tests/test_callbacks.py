@@ -287,9 +287,8 @@ def test_a_gone_terminal_ends_no_run(model, monkeypatch):
         def isatty(self):
             return True
 
-    monkeypatch.setattr(
-        stepper_module, "Console", lambda: Console(file=Gone(), force_terminal=True)
-    )
+    terminal = Console(file=Gone(), force_terminal=True)
+    monkeypatch.setattr(stepper_module, "find_terminal", lambda: terminal)
     stepper = ff.LoadStepper(model.problem, lambda t: model.load(t, t), end=1.0, step=0.5)
     assert len(stepper.run()) == 2
 

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import sys
 
 from mpi4py import MPI
 
@@ -11,6 +12,7 @@ from rich.console import Console
 
 from fenicsx_friction.loading import stepper as stepper_module
 from fenicsx_friction.loading.energy import EnergyAudit
+from fenicsx_friction.loading.progress import find_terminal
 from fenicsx_friction.loading.stepper import LoadStepper
 from models import block, raous
 from sweeps import follow, swept
@@ -98,14 +100,27 @@ def test_a_later_stepper_continues_the_event_log(tmp_path):
 
 
 @pytest.mark.parametrize("shown", [True, False])
-def test_progress_is_shown_on_terminals_only_and_only_when_wanted(shown, monkeypatch):
+def test_progress_is_shown_only_when_wanted(shown, monkeypatch):
     model, screen = raous(4, 4, 0.5, "display_"), io.StringIO()
-    monkeypatch.setattr(
-        stepper_module, "Console", lambda: Console(file=screen, force_terminal=True, width=120)
-    )
+    terminal = Console(file=screen, force_terminal=True, width=120)
+    monkeypatch.setattr(stepper_module, "find_terminal", lambda: terminal)
     stepper = LoadStepper(
         model.problem, lambda t: model.load(t, t), end=1.0, step=0.5, progress=shown
     )
     stepper.run()
     assert ("step 2 to 1: 0.5 in" in screen.getvalue()) == shown
     assert ("100%" in screen.getvalue()) == shown
+
+
+def test_progress_is_shown_on_terminals_only_and_only_with_rich(monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")  # counts as a terminal for rich
+    assert find_terminal() is not None
+    monkeypatch.delenv("FORCE_COLOR")
+    with monkeypatch.context() as changed:
+        changed.setattr(sys, "stdout", io.StringIO())
+        assert find_terminal() is None
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setitem(sys.modules, "rich.console", None)  # as if not installed
+    assert find_terminal() is None
+    model = raous(4, 4, 0.5, "plain_")
+    assert len(LoadStepper(model.problem, lambda t: model.load(t, t), end=1.0, step=0.5).run()) == 2

@@ -104,9 +104,8 @@ class ContactFields:
         num = submesh.topology.index_map(0).size_local + submesh.topology.index_map(0).num_ghosts
         values = np.zeros(num, dtype=np.int32)
         cells = submesh.topology.connectivity(submesh.topology.dim, 0)
-        for cell in range(cells.num_nodes):
-            dofs = self.state.function_space.dofmap.cell_dofs(cell)
-            values[cells.links(cell)] = np.rint(self.state.x.array[dofs])
+        dofs = self.state.function_space.dofmap.list
+        values[cells.array.reshape(dofs.shape)] = np.rint(self.state.x.array[dofs])
         tags = mesh.meshtags(submesh, 0, np.arange(num, dtype=np.int32), values)
         tags.name = "state"
         return tags

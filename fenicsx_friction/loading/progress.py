@@ -1,32 +1,50 @@
 # SPDX-License-Identifier: MIT
-"""A progress bar for the load steps."""
+"""A progress bar for the load steps, where there is a terminal and rich is installed."""
+
+from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from .record import StepRecord
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def find_terminal() -> Console | None:
+    """Return the terminal, or ``None`` if the output goes elsewhere or rich is not installed."""
+    try:
+        from rich.console import Console
+    except ImportError:
+        return None
+    console = Console()
+    return console if console.is_terminal else None
 
 
 @contextmanager
 def step_progress(
-    console: Console, start: float, end: float, *, shown: bool
+    console: Console | None, start: float, end: float
 ) -> Iterator[Callable[[StepRecord], None]]:
     """Show a progress bar inside the context; yield the function that updates it.
 
     Errors of the terminal are ignored: a closed terminal must not end a run.
 
     Args:
-        console: Where to.
+        console: Where to; ``None`` shows nothing.
         start: Where the path starts.
         end: Where it ends.
-        shown: Whether to show anything.
     """
+    if console is None:
+        yield lambda record: None
+        return
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
-    bar = Progress(*columns, TimeElapsedColumn(), console=console, disable=not shown)
+    bar = Progress(*columns, TimeElapsedColumn(), console=console)
     task = bar.add_task("first step", total=end - start)
 
     def show(record: StepRecord) -> None:

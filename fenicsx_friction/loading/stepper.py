@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import NoReturn
 
 from dolfinx import fem
-from rich.console import Console
 
 from ..base.callbacks import check_callable
 from ..base.collective import on_all_ranks
@@ -18,7 +17,7 @@ from ..problem import FrictionalContactProblem
 from .energy import EnergyAudit
 from .events import EventLog, find_events
 from .failures import Inaccurate, StepperFailed, explain
-from .progress import step_progress
+from .progress import find_terminal, step_progress
 from .record import FailedAttempt, StepRecord
 from .relaxation import ViscousRelaxation
 from .step_size import StepSize
@@ -64,7 +63,7 @@ class LoadStepper:
         events: File for the events, see :class:`~fenicsx_friction.loading.events.EventLog`.
         relaxation: Used where the smallest step fails. The problem's residual must contain its
             residual, see :class:`~fenicsx_friction.loading.relaxation.ViscousRelaxation`.
-        progress: Show the progress on a terminal.
+        progress: Show the progress on a terminal, if rich is installed.
 
     Attributes:
         time: Where the last accepted step ended.
@@ -113,13 +112,11 @@ class LoadStepper:
         self._solver = StepSolver(problem, loads, update, functions, audit, relaxation)
         self._log = None if events is None else EventLog(events, problem)
         self._solved: list[SolvedStep] = []
-        self._console = Console()
-        self._shown = progress and problem.comm.rank == 0 and self._console.is_terminal
+        self._terminal = find_terminal() if progress and problem.comm.rank == 0 else None
 
     def __iter__(self) -> Iterator[StepRecord]:
         """Make steps up to the end and yield their records."""
-        bar = step_progress(self._console, self._start, self.end, shown=self._shown)
-        with bar as show:
+        with step_progress(self._terminal, self._start, self.end) as show:
             while self._solved or not self._size.is_over(self.time):
                 if not self._solved:
                     self._last = self._solver.snapshot()
