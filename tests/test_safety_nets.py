@@ -161,7 +161,7 @@ def test_jacobian_equals_finite_differences(name):
     assert kinds == {0, 1, 2}
     substep = getattr(problem, name)
     matrix, snes = substep.jacobian(), substep.solver
-    x = problem.newton.problem.x.copy()
+    x = problem.solvers.full.problem.x.copy()
     direction = x.duplicate()
     direction.array[:] = rng.normal(size=direction.getLocalSize())
     direction.array[held] = 0.0
@@ -170,9 +170,9 @@ def test_jacobian_equals_finite_differences(name):
     ends = []
     for sign in (1, -1):
         moved, residual = x.copy(), x.duplicate()
-        moved.setAttr("_blocks", problem.newton.problem.x.getAttr("_blocks"))
+        moved.setAttr("_blocks", problem.solvers.full.problem.x.getAttr("_blocks"))
         moved.axpy(sign * h, direction)
-        residual.setAttr("_blocks", problem.newton.problem.b.getAttr("_blocks"))
+        residual.setAttr("_blocks", problem.solvers.full.problem.b.getAttr("_blocks"))
         snes.computeFunction(moved, residual)
         ends.append(residual.array.copy())
     difference = (ends[0] - ends[1]) / (2 * h)

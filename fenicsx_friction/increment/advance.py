@@ -17,7 +17,7 @@ from ..contact.checks import check_normals
 from ..system.report import StepReport, SubstepReport
 from ..system.system import ContactSystem
 from . import snapshot
-from .correctors import FALLBACKS, Attempt, correct, newton_tolerance, polish
+from .correctors import CONDENSED_FALLBACKS, FALLBACKS, Attempt, correct, newton_tolerance, polish
 from .crossed import crossed_nodes
 from .diagnosis import explain
 
@@ -33,7 +33,7 @@ def advance(system: ContactSystem) -> StepReport:
     except BaseException as error:
         last.restore()
         if not isinstance(error, StepFailed):  # solvers may be incomplete
-            system.newton.discard()
+            system.solvers.discard()
         raise
     if not report.certificate.solved:
         last.restore()
@@ -42,17 +42,20 @@ def advance(system: ContactSystem) -> StepReport:
 
 def _advance(system: ContactSystem) -> StepReport:
     """Try the ways to solve an increment, commit the first certified solution."""
-    changed, start, forces = _begin(system)
+    changed, start = _begin(system)
     substeps: list[SubstepReport] = []
     failed: _Failed | None = None
-    fallbacks = FALLBACKS[: system.settings.fallbacks]
-    for attempt in (None, Attempt(system.settings.corrector), *fallbacks):
+    made = system.solvers.factorisations
+    for attempt, condensed, forces in _ways(system, changed, start):
         snapshot.restore(changed, start)
-        if attempt is not None:
-            substeps += _solve(system, attempt, forces, again=bool(substeps))
-        elif not system.projection.is_solved(newton_tolerance(system)):
-            continue  # else the loads did not change and the state is its own solution
-        report, crossed = _judge(system, substeps)
+        with system.solvers.use(condensed=condensed):
+            if attempt is not None:
+                substeps += _solve(system, attempt, forces, again=bool(substeps))
+            elif not system.projection.is_solved(newton_tolerance(system)):
+                continue  # else contact did not change and the state is its own solution
+        if condensed:
+            system.solvers.recover()
+        report, crossed = _judge(system, substeps, made)
         if report.certificate.solved:
             system.commit()
             _tell(system, report)
@@ -67,6 +70,27 @@ def _advance(system: ContactSystem) -> StepReport:
     if system.settings.raise_on_uncertified:
         raise StepFailed("\n".join([explain(system, report), *failed.crossed]), report)
     return report
+
+
+def _ways(
+    system: ContactSystem, changed: list[fem.Function], start: snapshot.Snapshot
+) -> Iterator[tuple[Attempt | None, bool, float]]:
+    """Yield the ways to solve a step, on the boundary first where it can be condensed.
+
+    Yields:
+        The attempt, ``None`` for the present state as it is; whether to solve on the boundary; the
+        forces (2-norm, N).
+    """
+    first, contact = (None, Attempt(system.settings.corrector)), _contact_forces(system)
+    number = system.settings.fallbacks
+    if system.condensing and (forces := system.solvers.condense()) is not None:
+        for attempt in (*first, *CONDENSED_FALLBACKS[:number]):
+            yield attempt, True, max(forces, contact)
+    snapshot.restore(changed, start)
+    forces = system.projection.unbalanced()
+    _check_finite(system, forces)
+    for attempt in (*first, *FALLBACKS[:number]):
+        yield attempt, False, max(forces, contact)
 
 
 def _tell(system: ContactSystem, report: StepReport) -> None:
@@ -91,11 +115,11 @@ def _far(report: StepReport) -> float:
     return float(np.nan_to_num(report.certificate.relative, nan=np.inf))
 
 
-def _begin(system: ContactSystem) -> tuple[list[fem.Function], snapshot.Snapshot, float]:
-    """Pair nodes, choose frames, measure forces and check loads at the start of a step.
+def _begin(system: ContactSystem) -> tuple[list[fem.Function], snapshot.Snapshot]:
+    """Pair nodes, choose frames, check friction and measure forces at the start of a step.
 
     Returns:
-        What attempts change, its values, and the forces (2-norm, N).
+        What attempts change, and its values.
     """
     for k in system.contacts:
         k.anchor()
@@ -103,10 +127,10 @@ def _begin(system: ContactSystem) -> tuple[list[fem.Function], snapshot.Snapshot
     changed = [*system.state, *(f for k in system.contacts for f in (k.hint, k.free))]
     start = snapshot.save(changed)
     system.set_smoothing(xi=0.0, eps=0.0)
-    unbalanced = system.projection.unbalanced()
-    _check(system, unbalanced)
+    for k in system.contacts:
+        k.check_friction()
     system.scales.begin()
-    return changed, start, max(unbalanced, _contact_forces(system))
+    return changed, start
 
 
 def _solve(
@@ -124,7 +148,9 @@ def _solve(
     return substeps
 
 
-def _judge(system: ContactSystem, substeps: list[SubstepReport]) -> tuple[StepReport, list[str]]:
+def _judge(
+    system: ContactSystem, substeps: list[SubstepReport], made: int
+) -> tuple[StepReport, list[str]]:
     """Certify a state; name the nodes that went through an obstacle on the way to it."""
     certificate = system.certify()
     crossed = crossed_nodes(system) if certificate.solved else []
@@ -134,19 +160,18 @@ def _judge(system: ContactSystem, substeps: list[SubstepReport]) -> tuple[StepRe
         tuple(substeps),
         system.contact_reports(),
         replace(certificate, crossed=len(crossed)),
+        system.solvers.factorisations - made,
     )
     return report, crossed
 
 
-def _check(system: ContactSystem, unbalanced: float) -> None:
-    """Refuse loads, boundary values and friction that are not finite, before any solve."""
-    for k in system.contacts:
-        k.check_friction()
-    if not np.isfinite(unbalanced):
+def _check_finite(system: ContactSystem, forces: float) -> None:
+    """Refuse loads and boundary values that are not finite, before any solve."""
+    if not np.isfinite(forces):
         for k in system.contacts:
             check_normals(k)  # an obstacle that has moved may have no normal at some node
         raise ContactInputError(
-            f"The residual at the start of step {system.num_steps + 1} is {unbalanced}: look for "
+            f"The residual at the start of step {system.num_steps + 1} is {forces}: look for "
             "NaN in loads, boundary values and material fields, and for inverted cells."
         )
 

@@ -59,6 +59,13 @@ FALLBACKS = (
     Attempt("ramp", "bt", max_it=60, predictor_iterations=4),
 )
 
+#: The same on the boundary, where a try costs little: the surest ones first.
+CONDENSED_FALLBACKS = (
+    Attempt("projection", "bt", max_it=40, predictor_iterations=4),
+    Attempt("smoothing"),
+    *(a for a in FALLBACKS[1:] if a.corrector != "smoothing"),
+)
+
 
 def newton_tolerance(system: ContactSystem) -> float:
     """Return the relative tolerance of the last stage; acceptance is up to the certificate."""

@@ -52,6 +52,8 @@ class ContactTerms:
         contacts: The contacts.
         unknowns: All unknowns of the problem, the displacement first, the multipliers last.
         bcs: All boundary conditions.
+        rows: Rows of the local dofs of each unknown, -1 for those left out; by default those of
+            the system of all unknowns.
     """
 
     def __init__(
@@ -59,14 +61,15 @@ class ContactTerms:
         contacts: Sequence[Contact],
         unknowns: Sequence[fem.Function],
         bcs: Sequence[fem.DirichletBC],
+        rows: Sequence[Indices] | None = None,
     ) -> None:
         self._contacts, self._unknowns, self._bcs = contacts, list(unknowns), bcs
         self._u, self._comm = unknowns[0], unknowns[0].function_space.mesh.comm
         spaces = [f.function_space for f in unknowns]
         owned = [V.dofmap.index_map.size_local * V.dofmap.index_map_bs for V in spaces]
         self._num_rows, self._num_owned = sum(owned), owned[0]
-        self._all_rows = global_dofs(spaces)
-        self._rows = [rows.copy() for rows in self._all_rows]
+        self._all_rows = global_dofs(spaces) if rows is None else list(rows)
+        self._rows = [numbers.copy() for numbers in self._all_rows]
         for V, free in zip(spaces, self._rows, strict=True):
             free[constrained_dofs(V, bcs)] = -1
         self._stencils: dict[tuple[object, int], tuple[int, Indices]] = {}

@@ -2,12 +2,11 @@
 """When Newton's method stops: a convergence test made for contact."""
 
 import math
+from typing import Protocol
 
 from petsc4py import PETSc
 
 import numpy as np
-
-from .forces import ForceScales
 
 #: A relative residual below this that no step makes smaller counts as rounding.
 ROUNDING = 1e-8
@@ -18,11 +17,25 @@ CYCLE = 1e-6
 STALLED = 8
 
 
+class Measure(Protocol):
+    """Measures residuals."""
+
+    @property
+    def contact_nodes(self) -> int:
+        """Number of nodes of all contacts."""
+
+    def excess(self, rows: np.ndarray, tolerance: float) -> float:
+        """Return the largest residual in units of what a relative tolerance allows."""
+
+    def find_noise(self) -> None:
+        """Measure the rounding of the residual."""
+
+
 class Progress:
     """Follows one solve and judges its iterates.
 
     Args:
-        scales: Measures residuals.
+        measure: Measures residuals.
         tolerance: All residuals are to be this small, relative to their scales.
 
     Attributes:
@@ -31,8 +44,8 @@ class Progress:
         cycled: Whether the iterates go round.
     """
 
-    def __init__(self, scales: ForceScales, tolerance: float) -> None:
-        self._scales, self.tolerance, self._noisy = scales, tolerance, False
+    def __init__(self, measure: Measure, tolerance: float) -> None:
+        self._measure, self.tolerance, self._noisy = measure, tolerance, False
         self.history: list[float] = []
         self.cycled = False
 
@@ -43,11 +56,11 @@ class Progress:
         if not np.isfinite(norm):
             return reason.DIVERGED_FNORM_NAN
         rows = snes.getFunction()[0].array_r
-        if self._scales.excess(rows, self.tolerance) <= 1.0:
+        if self._measure.excess(rows, self.tolerance) <= 1.0:
             return reason.CONVERGED_FNORM_ABS
         if it > 0 and norm >= 0.5 * self.history[-2] and self._is_rounding(rows):
             return reason.CONVERGED_SNORM_RELATIVE
-        patience = max(STALLED, math.isqrt(self._scales.contact_nodes))
+        patience = max(STALLED, math.isqrt(self._measure.contact_nodes))
         recent, before = self.history[-patience:], self.history[:-patience]
         self.cycled = any(abs(norm - old) <= CYCLE * norm for old in self.history[-16:-2])
         # A line search may decrease the residual slowly; full steps should not.
@@ -59,10 +72,10 @@ class Progress:
 
     def _is_rounding(self, rows: np.ndarray) -> bool:
         """Tell whether a residual that no step makes smaller is rounding; collective."""
-        if self._scales.excess(rows, max(ROUNDING, self.tolerance)) <= 1.0:
+        if self._measure.excess(rows, max(ROUNDING, self.tolerance)) <= 1.0:
             return True
         if self._noisy:  # already measured in this solve
             return False
         self._noisy = True
-        self._scales.find_noise()
-        return self._scales.excess(rows, self.tolerance) <= 1.0
+        self._measure.find_noise()
+        return self._measure.excess(rows, self.tolerance) <= 1.0

@@ -153,19 +153,21 @@ class ForceScales:
         """
         return self._rows.residuals(np.concatenate(blocks))
 
-    def excess(self, rows: Array, tolerance: float) -> float:
+    def excess(self, rows: Array, tolerance: float, *, reactions: bool = True) -> float:
         """Return the largest residual in units of what a relative tolerance allows.
 
         Args:
             rows: The owned rows of the system, multiplied by the row factors.
             tolerance: Relative tolerance.
+            reactions: Whether reactions may count among the forces, which costs an assembly.
         """
         if np.any(self._over_ranks(self._rows.missed(rows)) > MISSED * self._values):
             return np.inf
         found = self.residuals(rows)
         contacts = slice(self.number, self.number * (1 + len(self._contacts)))
-        for reactions in (False, True):  # reactions cost an assembly
-            excess = self.scales(reactions=reactions).excess(*found, tolerance, SHARE)
+        for with_reactions in (False, True)[: 1 + reactions]:
+            scales = self.scales(reactions=with_reactions)
+            excess = scales.excess(*found, tolerance, SHARE)
             if np.max(excess) <= 1.0 or np.max(excess[contacts], initial=0.0) > 1.0:
                 break
         return float(np.max(excess))

@@ -7,12 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 
 from petsc4py import PETSc
 
+import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assign
 
 from ..base.compat import jacobian_blocks
 from ..base.compilation import NonlinearProblem, compiled
+from ..base.keeping import ErrorKeeper
 from .contact_terms import ContactTerms, Law
 from .forces import ForceScales
 from .linear import forget_factor, require_solver
@@ -36,10 +38,14 @@ class Newton:
         terms: The terms of contact.
 
     Attributes:
+        unknowns: As given.
         options: All options.
         scales: As given.
         terms: As given.
+        errors: What callbacks have raised.
     """
+
+    name = "full"
 
     def __init__(
         self,
@@ -52,14 +58,15 @@ class Newton:
         scales: ForceScales,
         terms: ContactTerms,
     ) -> None:
-        self._forms, self._unknowns, self._bcs = forms, unknowns, bcs
+        self._forms, self.unknowns, self._bcs = forms, unknowns, bcs
         self._prefix, self._entity_maps = prefix, entity_maps
         self.options = {**DEFAULT_OPTIONS, **(options or {})}
         self.scales, self.terms = scales, terms
         self.comm = unknowns[0].function_space.mesh.comm
         require_solver(self.options, self.comm)
         self._problem: NonlinearProblem | None = None
-        self.callbacks: Callbacks | None = None
+        self._callbacks: Callbacks | None = None
+        self.errors = ErrorKeeper()
         self._solvers: dict[str, PETSc.SNES] = {}
         self._linear_options: dict[str, str] = {}
 
@@ -69,21 +76,23 @@ class Newton:
         if self._problem is None:
             made = compiled(NonlinearProblem, self.comm)(
                 list(self._forms),
-                list(self._unknowns),
-                J=jacobian_blocks(self._forms, self._unknowns),
+                list(self.unknowns),
+                J=jacobian_blocks(self._forms, self.unknowns),
                 bcs=list(self._bcs),
                 petsc_options_prefix=self._prefix,
                 entity_maps=list(self._entity_maps),
                 kind="mpi",
             )
             factors = self.scales.row_factors
-            self.callbacks = Callbacks(made.solver, factors, self._unknowns, self.terms)
+            self._callbacks = Callbacks(
+                made.solver, factors, self.unknowns, self.terms, self.errors
+            )
             self._linear_options, self._problem = {}, made
         return self._problem
 
     def discard(self) -> None:
         """Forget solvers and matrix, which may be incomplete after an error."""
-        self._problem = self.callbacks = None
+        self._problem = self._callbacks = None
         self._solvers = {}
 
     def solver(self, prefix: str, test: Callable[..., object]) -> PETSc.SNES:
@@ -98,8 +107,8 @@ class Newton:
             snes = PETSc.SNES().create(self.comm)
             snes.setOptionsPrefix(prefix)
             snes.setKSP(problem.solver.getKSP())
-            assert self.callbacks is not None
-            self.callbacks.attach(snes)
+            assert self._callbacks is not None
+            self._callbacks.attach(snes)
             snes.setConvergenceTest(test)  # type: ignore[arg-type]
             set_up(snes, self.options)
             self._solvers[prefix] = snes
@@ -109,10 +118,10 @@ class Newton:
         """Prepare a solve of a substep from the present unknowns; return their vector."""
         problem = self.problem
         assign(problem.u, problem.x)
-        assert self.callbacks is not None
-        if self.callbacks.prepare(problem.x, law):
+        assert self._callbacks is not None
+        if self._callbacks.prepare(problem.x, law):
             forget_factor(snes)
-        self.callbacks.use(snes)
+        self._callbacks.use(snes)
         prefix, ksp = snes.getOptionsPrefix(), snes.getKSP()
         ksp.setOptionsPrefix(prefix)  # MUMPS looks there when it makes a factor
         if (options := effective(prefix, self.options)) != self._linear_options:
@@ -121,3 +130,30 @@ class Newton:
             forget_factor(snes)
             self._linear_options = options
         return problem.x
+
+    def take(self, x: PETSc.Vec) -> None:
+        """Put a solution into the unknowns."""
+        x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
+        assign(x, self.unknowns)
+
+    def residual(self, law: Law) -> PETSc.Vec:
+        """Return a new vector with the residual at the present unknowns."""
+        problem = self.problem
+        assign(problem.u, problem.x)
+        assert self._callbacks is not None
+        b = problem.b.duplicate()
+        self._callbacks.evaluate(problem.x, b, law)
+        return b
+
+    def excess(self, rows: np.ndarray, tolerance: float) -> float:
+        """Return the largest residual in units of what a relative tolerance allows."""
+        return self.scales.excess(rows, tolerance)
+
+    def find_noise(self) -> None:
+        """Measure the rounding of the user's residual at this state."""
+        self.scales.find_noise()
+
+    @property
+    def contact_nodes(self) -> int:
+        """Number of nodes of all contacts."""
+        return self.scales.contact_nodes

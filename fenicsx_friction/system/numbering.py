@@ -7,17 +7,29 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+Indices = npt.NDArray[np.int64]
 
-def global_dofs(spaces: Sequence[fem.FunctionSpace]) -> list[npt.NDArray[np.int64]]:
+
+def global_dofs(spaces: Sequence[fem.FunctionSpace]) -> list[Indices]:
     """Return, for the local dofs (with ghosts) of each space, their rows in the blocked system."""
     maps = [(V.dofmap.index_map, V.dofmap.index_map_bs) for V in spaces]
     next_row = sum(m.local_range[0] * bs for m, bs in maps)
     rows = []
     for V, (m, bs) in zip(spaces, maps, strict=True):
-        numbers = fem.Function(V, dtype=np.float64)
-        owned = m.size_local * bs
-        numbers.x.array[:owned] = next_row + np.arange(owned)
-        numbers.x.scatter_forward()
-        rows.append(np.rint(numbers.x.array).astype(np.int64))
-        next_row += owned
+        rows.append(spread(V, np.arange(m.size_local * bs), next_row))
+        next_row += m.size_local * bs
     return rows
+
+
+def spread(V: fem.FunctionSpace, owned: Indices, first: int) -> Indices:
+    """Number some owned dofs; return the numbers of all local dofs, -1 without; collective."""
+    numbers = fem.Function(V, dtype=np.float64)
+    numbers.x.array[:] = -1.0
+    numbers.x.array[owned] = first + np.arange(len(owned))
+    numbers.x.scatter_forward()
+    return np.rint(numbers.x.array).astype(np.int64)
+
+
+def num_owned(f: fem.Function) -> int:
+    """Return the number of owned dofs of a Function."""
+    return int(f.function_space.dofmap.index_map.size_local * f.function_space.dofmap.index_map_bs)

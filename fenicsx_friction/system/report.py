@@ -22,6 +22,8 @@ class SubstepReport:
         residuals: 2-norms of the residual (N), one an iteration and the initial one.
         accepted: Whether the substep's end state was used.
         failure: Why a factorisation failed, in plain words.
+        solver: ``full``: an iteration solves the whole system; ``condensed``: a dense system of the
+            nodes in contact.
     """
 
     name: str
@@ -33,6 +35,7 @@ class SubstepReport:
     residuals: tuple[float, ...]
     accepted: bool = True
     failure: str = ""
+    solver: str = "full"
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,8 @@ class StepReport:
         substeps: All substeps in the order they were solved, failed ones included.
         contacts: Totals of each contact.
         certificate: The certificate of the final state.
+        factorisations: Factorisations of the bulk for condensed substeps; a full iteration makes
+            one of the whole system.
     """
 
     step: int
@@ -75,10 +80,16 @@ class StepReport:
     substeps: tuple[SubstepReport, ...]
     contacts: tuple[ContactReport, ...]
     certificate: Certificate
+    factorisations: int = 0
+
+    @property
+    def solver(self) -> str:
+        """What solved the step, ``condensed`` or ``full``, see :class:`SubstepReport`."""
+        return self.substeps[-1].solver if self.substeps else "condensed"
 
     @property
     def iterations(self) -> int:
-        """Newton iterations of the step, which is the number of linear solves."""
+        """Newton iterations of the step, which is the number of linear solves of any size."""
         return sum(substep.iterations for substep in self.substeps)
 
     @property

@@ -27,6 +27,10 @@ class StepSettings:
         fallbacks: How many further ways to try when full Newton steps fail; all by default. Where a
             smaller step is possible, a few are cheaper, see
             :data:`fenicsx_friction.increment.correctors.FALLBACKS`.
+        solver: ``"condensed"``: the bulk is factored once and contact solved on its boundary, for
+            bulks that are linear in their unknowns; ``"full"``: the whole system in each iteration;
+            ``"auto"``: condensed where it can be, up to
+            :data:`~fenicsx_friction.system.solvers.MOST_DOFS` displacements in contact.
         raise_on_uncertified: Raise :class:`~fenicsx_friction.StepFailed`, or else return the report
             with ``certified == False``. The state is the last accepted one either way.
     """
@@ -39,6 +43,7 @@ class StepSettings:
     ramp_sign: Literal[-1, 1] = -1
     normal: Literal["chen-mangasarian", "fischer-burmeister", "min"] = "chen-mangasarian"
     fallbacks: int | None = None
+    solver: Literal["auto", "condensed", "full"] = "auto"
     raise_on_uncertified: bool = True
 
     def __post_init__(self) -> None:
@@ -47,6 +52,7 @@ class StepSettings:
         choice(self.ramp_nodes, "ramp_nodes", ("violated", "all"))
         choice(self.ramp_sign, "ramp_sign", (-1, 1))
         choice(self.normal, "normal", NORMAL_ROWS)
+        choice(self.solver, "solver", ("auto", "condensed", "full"))
         number(self.tolerance, "tolerance", above=0.0, below=1.0)
         integer(self.predictor_iterations, "predictor_iterations", at_least=1)
         number(self.smoothing, "smoothing", at_least=0.0)

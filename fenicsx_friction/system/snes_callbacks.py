@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Residual and Jacobian as the SNES calls them: the forms of the bulk, plus contact."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 from petsc4py import PETSc
 
@@ -10,6 +9,7 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.fem.petsc import assign
 
+from ..base.keeping import ErrorKeeper
 from ..obstacles.kinematics import Array
 from .contact_terms import ContactTerms, Law
 
@@ -32,9 +32,9 @@ class Callbacks:
         row_scale: Factor of each owned row.
         unknowns: Its unknowns.
         terms: The terms of contact.
+        errors: Keeps what the callbacks raise.
 
     Attributes:
-        error: The exception of a callback; PETSc passes on only a number.
         law: The rows of the substep that is being solved.
     """
 
@@ -44,13 +44,14 @@ class Callbacks:
         row_scale: Array,
         unknowns: Sequence[fem.Function],
         terms: ContactTerms,
+        errors: ErrorKeeper,
     ) -> None:
         self._b, (residual, _, residual_data) = snes.getFunction()
         self._forms, _, (jacobian, _, jacobian_data) = snes.getJacobian()
         self._form_residual = lambda x, b: residual(None, x, b, **residual_data)
         self._form_jacobian = lambda x, A: jacobian(None, x, A, A, **jacobian_data)
         self._row_scale, self._unknowns, self._terms = row_scale, list(unknowns), terms
-        self.error: BaseException | None = None
+        self.errors = errors
         self.law: Law | None = None
         self._total: PETSc.Mat | None = None
         self._elements: PETSc.Mat | None = None
@@ -97,18 +98,14 @@ class Callbacks:
         self._pattern = pattern
         return True
 
-    @contextmanager
-    def keeping_errors(self) -> Iterator[None]:
-        """Keep an exception raised inside, and raise it."""
-        try:
-            yield
-        except BaseException as error:
-            self.error = error
-            raise
+    def evaluate(self, x: PETSc.Vec, b: PETSc.Vec, law: Law) -> None:
+        """Evaluate the residual of a substep; no matrix is made."""
+        self.law = law
+        self._call_residual(None, x, b)
 
-    def _call_residual(self, snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
+    def _call_residual(self, snes: PETSc.SNES | None, x: PETSc.Vec, b: PETSc.Vec) -> None:
         """Assemble the residual with scaled rows."""
-        with self.keeping_errors():
+        with self.errors():
             self._follow(x)
             self._form_residual(x, b)
             assert self.law is not None
@@ -117,7 +114,7 @@ class Callbacks:
 
     def _call_jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """Assemble the Jacobian with scaled rows."""
-        with self.keeping_errors():
+        with self.errors():
             self._follow(x)
             self._form_jacobian(x, self._forms)
             assert self.law is not None and self._elements is not None

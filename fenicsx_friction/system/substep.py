@@ -10,18 +10,19 @@ from contextlib import contextmanager
 
 from petsc4py import PETSc
 
-from dolfinx.fem.petsc import assign
 from ufl.core.expr import Expr
 
 from ..base.errors import OutOfMemory
 from ..base.log import tell
 from ..contact.contact import Contact
+from .boundary_newton import BoundaryNewton
 from .contact_terms import Law
 from .convergence import Progress
 from .linear import factor_failure, forget_factor, out_of_memory, workspace_too_small
 from .newton import Newton
 from .options import inside, reason_name
 from .report import SubstepReport
+from .solvers import Solvers
 
 #: The linear solve failed.
 LINEAR = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
@@ -36,23 +37,28 @@ class Substep:
 
     Args:
         name, prefix: The prefix of its PETSc options is ``{prefix}{name}_``.
-        newton: What all substeps share.
+        solvers: The solvers of all substeps.
         rows: Returns the rows of a contact.
     """
 
     def __init__(
-        self, name: str, prefix: str, newton: Newton, rows: Callable[[Contact], Expr]
+        self, name: str, prefix: str, solvers: Solvers, rows: Callable[[Contact], Expr]
     ) -> None:
         self.name, self._prefix = name, f"{prefix}{name}_"
-        self._newton, self._rows, self._scales = newton, rows, newton.scales
+        self._solvers, self._rows, self._scales = solvers, rows, solvers.full.scales
         self._law: Law | None = None
-        self._progress, self._failure, self._spent = Progress(self._scales, 0.0), "", 0
+        self._progress, self._failure, self._spent = Progress(self._newton, 0.0), "", 0
+
+    @property
+    def _newton(self) -> Newton | BoundaryNewton:
+        """The solver in use."""
+        return self._solvers.now
 
     @property
     def law(self) -> Law:
         """The rows at the nodes, with their derivatives."""
         if self._law is None:
-            self._law = self._newton.terms.law(self._rows)
+            self._law = self._solvers.full.terms.law(self._rows)
         return self._law
 
     @property
@@ -73,10 +79,7 @@ class Substep:
     def residual(self) -> PETSc.Vec:
         """Return a copy of the residual at the current unknowns."""
         with self._guarded():
-            x = self._newton.prepare(self.solver, self.law)
-            b = self._newton.problem.b
-            self.solver.computeFunction(x, b)
-        return b.copy()
+            return self._newton.residual(self.law)
 
     def unbalanced(self) -> float:
         """Return the 2-norm (N) of the residual at the current unknowns, without held rows."""
@@ -89,24 +92,24 @@ class Substep:
     def is_solved(self, tolerance: float) -> bool:
         """Tell whether the current unknowns solve the substep to a relative tolerance."""
         residual = self.residual()
-        solved = self._scales.excess(residual.array_r, tolerance) <= 1.0
+        solved = self._newton.excess(residual.array_r, tolerance) <= 1.0
         residual.destroy()
         return solved
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
         """Discard the solver after an error, and raise what a callback raised."""
+        errors = self._newton.errors
+        errors.error = None
         try:
             yield
         except PETSc.Error as error:
-            callbacks = self._newton.callbacks
-            cause = error.__context__ if callbacks is None else callbacks.error
-            self._newton.discard()
-            if cause is not None:
+            self._solvers.discard()
+            if (cause := errors.error or error.__context__) is not None:
                 raise cause from None
             raise
         except BaseException:
-            self._newton.discard()
+            self._solvers.discard()
             raise
 
     def solve(
@@ -136,7 +139,7 @@ class Substep:
         chosen, limit = options["snes_linesearch_type"], options["snes_max_it"]
         snes.getLineSearch().setType(str(line_search or chosen))
         snes.setTolerances(max_it=int(str(max_it or limit)))
-        self._progress, self._failure, self._spent = Progress(self._scales, tolerance), "", 0
+        self._progress, self._failure, self._spent = Progress(self._newton, tolerance), "", 0
         converged, reason = self._run(target)
         history = self._progress.history
         iterations = self._spent + max(len(history) - 1, 0)
@@ -151,11 +154,12 @@ class Substep:
             reason="CYCLE" if self._progress.cycled else reason,
             residuals=tuple(history),
             failure=self._failure,
+            solver=self._newton.name,
         )
 
     def _run(self, target: PETSc.Vec | None) -> tuple[bool, str]:
         """Solve; once more if MUMPS has estimated its workspace too small."""
-        unknowns, options = self._newton.problem.u, dict(self._newton.options)
+        unknowns, options = self._newton.unknowns, dict(self._newton.options)
         start = [f.x.array.copy() for f in unknowns]
         found = self._run_once(target, options)
         if self.solver.getConvergedReason() == LINEAR and workspace_too_small(self.solver):
@@ -164,7 +168,7 @@ class Substep:
                 f.x.array[:] = values
             forget_factor(self.solver)
             self._spent = len(self._progress.history) - 1
-            self._progress = Progress(self._scales, self._progress.tolerance)
+            self._progress = Progress(self._newton, self._progress.tolerance)
             found = self._run_once(target, MORE_WORKSPACE | options)
         if self.solver.getConvergedReason() == LINEAR:
             self._explain_failure(self.solver)
@@ -180,8 +184,7 @@ class Substep:
         except PETSc.Error as error:
             # MUMPS gives up on a structurally singular matrix with an error, not a reason.
             return False, f"LINEAR_SOLVER_ERROR_{error.ierr}"
-        x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
-        assign(x, self._newton.problem.u)
+        self._newton.take(x)
         reason = snes.getConvergedReason()
         return reason > 0, reason_name(reason)
 
@@ -199,7 +202,6 @@ class Substep:
     def _test(
         self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]
     ) -> PETSc.SNES.ConvergedReason:
-        """Keep what the test raises, see ``Callbacks``."""
-        assert self._newton.callbacks is not None
-        with self._newton.callbacks.keeping_errors():
+        """Keep what the test raises."""
+        with self._newton.errors():
             return self._progress.judge(snes, it, norms[-1])

@@ -20,13 +20,16 @@ from ..certificate.nodal_state import NodalState
 from ..contact.contact import Contact
 from ..surfaces.measures import share_facet_data
 from .assembly import assemble_owned, weakly
+from .condensing import boundary_solver, obstacle_to_condensing
 from .conditions import constrained_dofs, missed_values
 from .contact_terms import ContactTerms
 from .forces import ForceScales
 from .newton import Newton
+from .options import DEFAULT_OPTIONS
 from .report import ContactReport, SubstepReport
 from .set_up import further_equations, options_for, place, set_up_contacts, stiffness_diagonal
 from .settings import StepSettings, settings_of
+from .solvers import Solvers
 from .substep import Substep
 from .totals import total
 
@@ -53,7 +56,7 @@ class ContactSystem:
         constrained_dofs: Dofs of ``u`` under a boundary condition (local, unrolled).
         scales: Measures residuals by the forces of each body and contact.
         bulk: The momentum balance without contact, ready to be assembled.
-        newton: What the substeps share: forms, matrix and linear solver.
+        solvers: What the substeps share: forms, matrices and linear solvers.
         stick: The stick predictor, eq. (14).
         slip: The slip corrector, eq. (15).
         projection: The natural map.
@@ -132,16 +135,35 @@ class ContactSystem:
         self, blocks: list[ufl.Form], prefix: str, options: Mapping[str, object] | None
     ) -> None:
         """Make the substeps and what they share."""
-        options = options_for(self.contacts, options)
+        options = {**DEFAULT_OPTIONS, **options_for(self.contacts, options)}
         forms = [*blocks, *(place(k) for k in self.contacts)]
         shared = (self._entity_maps, self.scales, self.terms)
-        self.newton = newton = Newton(forms, self.state, self.bcs, prefix, options, *shared)
+        newton = Newton(forms, self.state, self.bcs, prefix, options, *shared)
+        self._whole = obstacle_to_condensing(blocks, self.unknowns, self.contacts, options)
+        parts = (blocks, self.unknowns, self.contacts, self.bcs, self._entity_maps, options)
+        bulk = weakly(self, lambda there: [there.assemble_bulk(), *there.assemble_others()])
+        boundary = None if self._whole else boundary_solver(*parts, self.scales, bulk)
+        self.solvers = solvers = Solvers(newton, boundary)
         eps, xi, sign = self._eps, self._xi, self._ramp_sign  # not self: no reference cycle
-        self.stick = Substep("stick", prefix, newton, lambda k: k.rows.stick(eps))
-        self.slip = Substep("slip", prefix, newton, lambda k: k.rows.slip(eps, xi, sign))
+        self.stick = Substep("stick", prefix, solvers, lambda k: k.rows.stick(eps))
+        self.slip = Substep("slip", prefix, solvers, lambda k: k.rows.slip(eps, xi, sign))
         self.projection = Substep(
-            "projection", prefix, newton, lambda k: k.rows.projection(eps, xi)
+            "projection", prefix, solvers, lambda k: k.rows.projection(eps, xi)
         )
+
+    @property
+    def condensing(self) -> bool:
+        """Whether steps are solved on the boundary of a condensed bulk.
+
+        Raises:
+            ContactInputError: If the settings ask for what is not possible.
+        """
+        how = self.settings.solver
+        if how == "condensed" and self._whole:
+            raise ContactInputError(
+                f"settings.solver = 'condensed': {self._whole}; take 'auto' or 'full'."
+            )
+        return not self._whole and (how == "condensed" or (how == "auto" and self.solvers.small))
 
     @property
     def settings(self) -> StepSettings:

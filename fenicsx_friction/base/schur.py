@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: MIT
+"""A factor of a matrix without some of its rows, and the dense Schur complement of these.
+
+MUMPS finds the Schur complement within the factorisation. petsc4py has no call for it; PETSc's own
+(3.16 to 3.25) are called through ctypes, with the handles of petsc4py's objects. What is seen with
+PETSc 3.25 and MUMPS 5.8:
+
+* ``MatFactorSetSchurIS`` comes after ``setFactorSetUpSolverType`` and before ``setUp``. The
+  complement is then stored by columns, whole, for symmetric factors too.
+* With ``ICNTL(26) = 0``, a solve is one with the inner block alone; the chosen rows become zero.
+* On several ranks PETSc refuses such a solve (error 56). There, and without MUMPS, the chosen rows
+  are replaced by those of the identity and blocks of solves find the complement: slower, and equal.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from abc import ABC, abstractmethod
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.floating]
+Indices = npt.NDArray[np.int64]
+
+#: Right-hand sides that are solved together.
+BLOCK = 32
+#: A matrix is symmetric up to this difference from its transpose, relative to its largest entry.
+ASYMMETRY = 1e-13
+
+
+class FactorFailed(Exception):
+    """A factor that cannot be made: the matrix without the chosen rows is singular, say."""
+
+
+class InnerFactor(ABC):
+    """A factor of a matrix ``K`` without the chosen rows; all methods are collective.
+
+    Attributes:
+        schur: ``K_CC - K_CI K_II^-1 K_IC`` on all ranks, in the order of the chosen rows.
+    """
+
+    schur: Array
+
+    @abstractmethod
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve ``K_II x_I = b_I`` with ``x_C = 0``."""
+
+    @abstractmethod
+    def destroy(self) -> None:
+        """Free the memory."""
+
+
+def inner_factor(K: PETSc.Mat, chosen: Indices, package: str) -> InnerFactor:
+    """Factor a matrix without the chosen rows; collective.
+
+    Args:
+        K: The matrix.
+        chosen: Numbers of the chosen rows, ascending, the same on all ranks.
+        package: PETSc's name of the package that factors, ``"mumps"`` say.
+
+    Raises:
+        FactorFailed: On all ranks.
+    """
+    symmetric = K.isSymmetric(ASYMMETRY * K.norm(PETSc.NormType.INFINITY))
+    if K.comm.size == 1 and package == "mumps" and _petsc() is not None:
+        return _WithSchur(K, chosen, symmetric)
+    return _ByBackSolves(K, chosen, package, symmetric)
+
+
+class _WithSchur(InnerFactor):
+    """MUMPS finds the Schur complement within the factorisation."""
+
+    def __init__(self, K: PETSc.Mat, chosen: Indices, symmetric: bool) -> None:
+        self._pc = _factor_of(K, "mumps", symmetric)
+        factor, library = self._pc.getFactorMatrix(), _petsc()
+        assert library is not None
+        rows = PETSc.IS().createGeneral(chosen.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+        _check(library.MatFactorSetSchurIS(_handle(factor), _handle(rows)))
+        rows.destroy()
+        _set_up(self._pc, "mumps")
+        self.schur = _copied_schur(library, factor, len(chosen))
+        factor.setMumpsIcntl(26, 0)
+        self._factor, self._chosen = factor, chosen
+
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        self._factor.solve(b, x)
+        x.array[self._chosen] = 0.0
+
+    def destroy(self) -> None:
+        self._pc.destroy()
+
+
+class _ByBackSolves(InnerFactor):
+    """The identity stands in the chosen rows and columns; solves find the Schur complement."""
+
+    def __init__(self, K: PETSc.Mat, chosen: Indices, package: str, symmetric: bool) -> None:
+        self._inner = K.copy()
+        first, last = K.getOwnershipRange()
+        self._own = chosen[(chosen >= first) & (chosen < last)]
+        self._rows = self._own - first
+        self._inner.zeroRowsColumns(self._own.astype(PETSc.IntType), diag=1.0)
+        self._pc = _factor_of(self._inner, package, symmetric)
+        _set_up(self._pc, package)
+        parts = [self._block(K, chosen[i : i + BLOCK]) for i in range(0, len(chosen), BLOCK)]
+        own = np.hstack(parts) if parts else np.zeros((0, 0))
+        self.schur = np.concatenate(K.comm.tompi4py().allgather(own))
+
+    def _block(self, K: PETSc.Mat, chosen: Indices) -> Array:
+        """Return columns of the Schur complement, of the rows of this rank."""
+        mine = self._own[(self._own >= chosen[0]) & (self._own <= chosen[-1])]
+        size, first = K.getLocalSize()[0], K.getOwnershipRange()[0]
+        rows = PETSc.IS().createStride(size, first, comm=K.comm)
+        columns = PETSc.IS().createGeneral(mine.astype(PETSc.IntType), comm=K.comm)
+        sparse = K.createSubMatrix(rows, columns)
+        b = sparse.convert("dense")
+        right, x = b.duplicate(copy=True), b.duplicate()
+        right.getDenseArray()[self._rows] = 0.0
+        self._pc.getFactorMatrix().matSolve(right, x)
+        x.getDenseArray()[self._rows] = 0.0
+        inner = K.matMult(x)
+        found = b.getDenseArray()[self._rows] - inner.getDenseArray()[self._rows]
+        for o in (rows, columns, sparse, b, right, x, inner):
+            o.destroy()
+        return np.asarray(found)
+
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        right = b.copy()
+        right.array[self._rows] = 0.0
+        self._pc.apply(right, x)
+        x.array[self._rows] = 0.0
+        right.destroy()
+
+    def destroy(self) -> None:
+        self._pc.destroy()
+        self._inner.destroy()
+
+
+def _factor_of(K: PETSc.Mat, package: str, symmetric: bool) -> PETSc.PC:
+    """Return a direct solver that is not yet set up; collective."""
+    pc = PETSc.PC().create(K.comm)
+    K.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
+    pc.setOperators(K)
+    pc.setType("cholesky" if symmetric and package == "mumps" else "lu")
+    pc.setFactorSolverType(package)
+    pc.setFactorSetUpSolverType()
+    return pc
+
+
+def _set_up(pc: PETSc.PC, package: str) -> None:
+    """Factor, or raise a :class:`FactorFailed`; collective."""
+    try:
+        pc.setUp()
+    except PETSc.Error as error:
+        raise FactorFailed(str(error)) from error
+    code = pc.getFactorMatrix().getMumpsInfog(1) if package == "mumps" else 0
+    if code < 0 or pc.getFailedReason() > 0:
+        raise FactorFailed(f"reason {pc.getFailedReason()}, MUMPS' INFOG(1) = {code}")
+
+
+def _copied_schur(library: ctypes.CDLL, factor: PETSc.Mat, size: int) -> Array:
+    """Return a copy of the Schur complement that MUMPS has found."""
+    schur, values = ctypes.c_void_p(), ctypes.POINTER(ctypes.c_double)()
+    _check(library.MatFactorCreateSchurComplement(_handle(factor), ctypes.byref(schur), None))
+    _check(library.MatDenseGetArrayRead(schur, ctypes.byref(values)))
+    found = np.ctypeslib.as_array(values, (size, size)).T.copy()  # stored by columns
+    _check(library.MatDenseRestoreArrayRead(schur, ctypes.byref(values)))
+    _check(library.MatDestroy(ctypes.byref(schur)))
+    return found
+
+
+def _petsc() -> ctypes.CDLL | None:
+    """Return PETSc's library, ``None`` if it lacks what is called here or has other numbers."""
+    library = ctypes.CDLL(None)
+    numbers = PETSc.ScalarType == np.float64 and PETSc.IntType == np.int32
+    return library if numbers and hasattr(library, "MatFactorCreateSchurComplement") else None
+
+
+def _handle(o: PETSc.Object) -> ctypes.c_void_p:
+    """Return the handle of a PETSc object."""
+    return ctypes.c_void_p(o.handle)
+
+
+def _check(code: int) -> None:
+    """Raise unless a call of PETSc succeeded."""
+    if code:
+        raise FactorFailed(f"PETSc's error {code}")

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: MIT
+"""The equations on the dofs of contact alone, as SNES calls them, for a bulk that is linear."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..base.collective import gather_rows
+from ..base.keeping import ErrorKeeper
+from ..contact.contact import Contact
+from .boundary_matrix import BoundaryMatrix, Elements
+from .contact_terms import ContactTerms, Law
+from .linear_bulk import LinearBulk
+from .numbering import num_owned, spread
+
+Array = npt.NDArray[np.floating]
+Indices = npt.NDArray[np.int64]
+
+
+class BoundaryEquations:
+    """Balance of forces on the dofs of contact, and the rows of the laws; collective.
+
+    Unknown are, rank by rank, the displacements of these dofs and the multipliers. It serves PETSc
+    as the context of matrix and preconditioner, too. It must not hold the SNES, see ``Callbacks``.
+
+    Args:
+        bulk: The condensed bulk.
+        unknowns: All unknowns of the problem, displacement first, multipliers last.
+        contacts: The contacts.
+        bcs: Dirichlet conditions.
+
+    Attributes:
+        bulk: As given.
+        terms: The terms of contact, by these numbers.
+        own: Where the unknowns of this rank are among the owned rows of the whole system.
+        law: The rows of the substep that is being solved.
+        errors: What the callbacks have raised.
+    """
+
+    def __init__(
+        self,
+        bulk: LinearBulk,
+        unknowns: Sequence[fem.Function],
+        contacts: Sequence[Contact],
+        bcs: Sequence[fem.DirichletBC],
+    ) -> None:
+        self.comm = unknowns[0].function_space.mesh.comm
+        self.bulk, self._unknowns, self._contacts = bulk, list(unknowns), contacts
+        self.law: Law | None = None
+        self.errors = ErrorKeeper()
+        self._matrix: BoundaryMatrix | None = None
+        self._number()
+        self.terms = ContactTerms(contacts, unknowns, bcs, self._rows)
+
+    def _number(self) -> None:
+        """Number the unknowns of this and of all ranks."""
+        owned = [num_owned(f) for f in self._unknowns]
+        bulk, sizes = len(owned) - len(self._contacts), [len(self.bulk.dofs)]
+        sizes += owned[bulk:]
+        all_sizes = np.array(self.comm.allgather(sizes))
+        self.size, self._counts = sum(sizes), all_sizes.sum(axis=1)
+        first = int(np.sum(self._counts[: self.comm.rank]))
+        ends = np.cumsum([first, *sizes])
+        self._rows = [np.full(len(f.x.array), -1) for f in self._unknowns]
+        self._rows[0] = spread(self._unknowns[0].function_space, self.bulk.dofs, ends[0])
+        for i, k in enumerate(self._contacts):
+            every = np.arange(sizes[1 + i])
+            self._rows[bulk + i] = spread(k.c.function_space, every, ends[1 + i])
+        starts = np.cumsum([0, *owned])
+        self.own = np.concatenate([self.bulk.dofs, np.arange(starts[bulk], starts[-1])])
+        # Displacements of all ranks, in the order of the Schur complement, then multipliers.
+        displacement = np.concatenate(
+            [np.arange(total) < q for total, q in zip(self._counts, all_sizes[:, 0], strict=True)]
+        )
+        self._place = np.empty(len(displacement) + 1, dtype=np.int64)
+        self._place[np.argsort(~displacement, kind="stable")] = np.arange(len(displacement))
+        self._place[-1] = -1
+        at = int(np.sum(all_sizes[: self.comm.rank, 0]))
+        self._own_forces = slice(at, at + sizes[0])
+
+    # -- unknowns --------------------------------------------------------------------------------
+
+    def vector(self) -> PETSc.Vec:
+        """Return a new vector of the unknowns."""
+        return PETSc.Vec().createMPI((self.size, None), comm=self.comm)
+
+    def read(self, x: PETSc.Vec) -> None:
+        """Take the present values of the unknowns."""
+        first = len(self._unknowns) - len(self._contacts)
+        parts = [self._unknowns[0].x.array[self.bulk.dofs]]
+        parts += [f.x.array[: num_owned(f)] for f in self._unknowns[first:]]
+        x.array[:] = np.concatenate(parts)
+
+    def follow(self, x: PETSc.Vec) -> None:
+        """Put an iterate into the unknowns and the kinematics."""
+        values, first = x.array_r, len(self._unknowns) - len(self._contacts)
+        at = len(self.bulk.dofs)
+        self._unknowns[0].x.array[self.bulk.dofs] = values[:at]
+        self._unknowns[0].x.scatter_forward()
+        for f in self._unknowns[first:]:
+            f.x.array[: num_owned(f)] = values[at : at + num_owned(f)]
+            f.x.scatter_forward()
+            at += num_owned(f)
+        self.terms.update()
+
+    # -- called by PETSc -------------------------------------------------------------------------
+
+    def residual(self, snes: PETSc.SNES | None, x: PETSc.Vec, b: PETSc.Vec) -> None:
+        """Evaluate the equations."""
+        with self.errors():
+            self.follow(x)
+            bulk, n = self.bulk, len(self.bulk.dofs)
+            b.zeroEntries()
+            moved = bulk.gathered() - bulk.start
+            b.array[:n] = bulk.loads + bulk.schur[self._own_forces] @ moved
+            assert self.law is not None
+            self.terms.add_residual(b, self.law)
+
+    def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+        """Evaluate and factor the matrix."""
+        with self.errors():
+            self.follow(x)
+            assert self.law is not None
+            columns, matrices = self.terms.columns(self.law), self.terms.matrices(self.law)
+            parts = [
+                Elements(self._place[self._all(c)], self._all(m), k.pairing.side.d)
+                for k, c, m in zip(self._contacts, columns, matrices, strict=True)
+            ]
+            self._matrix = BoundaryMatrix(self.bulk.schur, parts, len(self._place) - 1)
+
+    def mult(self, J: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Multiply by the matrix."""
+        with self.errors():
+            assert self._matrix is not None
+            self._exchange(x, y, self._matrix.__matmul__)
+
+    def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve with the matrix."""
+        with self.errors():
+            assert self._matrix is not None
+            self._exchange(b, x, self._matrix.solve)
+
+    def _exchange(self, given: PETSc.Vec, found: PETSc.Vec, work: Callable[[Array], Array]) -> None:
+        """Let every rank work on the values of all, and keep its own results."""
+        order = self._place[:-1]
+        values = np.empty(len(order))
+        values[order] = gather_rows(self.comm, given.array_r, self._counts)
+        first = int(np.sum(self._counts[: self.comm.rank]))
+        found.array[:] = work(values)[order][first : first + self.size]
+
+    def _all(self, rows: npt.NDArray) -> npt.NDArray:
+        """Return the elements of all ranks."""
+        counts = np.array(self.comm.allgather(len(rows)))
+        return gather_rows(self.comm, rows, counts)

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: MIT
+"""The dense matrix of Newton's method on the boundary, and its solution.
+
+Unknown are the displacements ``q`` of the dofs of contact and the multipliers ``c``. Most ``c``
+follow from the balance of forces at their own node, a regular small block, so that a system of the
+size of ``q`` remains. Those of nodes with prescribed dofs or several contacts stay unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import lapack, lstsq
+from scipy.sparse import csr_array
+
+Array = npt.NDArray[np.floating]
+Indices = npt.NDArray[np.int64]
+
+#: Below this reciprocal condition number a matrix counts as singular.
+SINGULAR = 1e-15
+
+
+@dataclass(frozen=True)
+class Elements:
+    """The elements of a contact, of all ranks.
+
+    Attributes:
+        columns: Numbers of their unknowns: ``q`` first, those of the node itself ahead, then ``c``;
+            -1 for those that are prescribed or absent.
+        matrices: Derivatives of nodal forces and rows, as numbered.
+        d: Multipliers of a node.
+    """
+
+    columns: Indices
+    matrices: Array
+    d: int
+
+    def split(self) -> tuple[Indices, Indices]:
+        """Return the numbers of displacements and of multipliers."""
+        return self.columns[:, : -self.d], self.columns[:, -self.d :]
+
+
+class BoundaryMatrix:
+    """The matrix of all unknowns, factored once.
+
+    Args:
+        schur: Stiffness of the bulk (N/m).
+        parts: The elements of all contacts.
+        size: Number of unknowns.
+
+    Attributes:
+        singular: Whether it cannot be solved.
+    """
+
+    def __init__(self, schur: Array, parts: Sequence[Elements], size: int) -> None:
+        self._schur, self._parts, self._n, self._size = schur, parts, len(schur), size
+        self._regular = [_regular(part, parts, self._n) for part in parts]
+        self._factor()
+
+    def __matmul__(self, x: Array) -> Array:
+        """Multiply."""
+        result = np.zeros(self._size)
+        result[: self._n] = self._schur @ x[: self._n]
+        for part in self._parts:
+            there = np.where(part.columns >= 0, x[part.columns], 0.0)
+            values = np.einsum("nij,nj->ni", part.matrices, there)
+            np.add.at(result, part.columns[part.columns >= 0], values[part.columns >= 0])
+        return result
+
+    def _factor(self) -> None:
+        """Eliminate the regular multipliers and factor what remains."""
+        kept = np.ones(self._size, dtype=bool)
+        for part, regular in zip(self._parts, self._regular, strict=True):
+            kept[part.split()[1][regular]] = False
+        self._kept = np.flatnonzero(kept)
+        place = np.full(self._size + 1, -1)  # the last one for -1
+        place[self._kept] = np.arange(len(self._kept))
+        matrix = np.zeros((len(self._kept),) * 2)
+        matrix[: self._n, : self._n] = self._schur
+        self._steps = []
+        for part, regular in zip(self._parts, self._regular, strict=True):
+            _scatter(matrix, place[part.columns[~regular]], part.matrices[~regular])
+            q = part.split()[0][regular]
+            _scatter(matrix, place[q], part.matrices[regular][:, : -part.d, : -part.d])
+        for part, regular in zip(self._parts, self._regular, strict=True):
+            self._steps.append(_Eliminated(part, regular, place, len(self._kept)))
+        self._balance = [matrix[step.own.ravel()].copy() for step in self._steps]
+        for step, balance in zip(self._steps, self._balance, strict=True):
+            if step.reactions.nnz:
+                matrix -= step.reactions @ balance
+            rows = step.rows_of_q.toarray() - step.times(balance)
+            matrix[step.own.ravel()] = rows
+        # Displacements and multipliers have different units.
+        self._of_rows = _inverse(np.max(abs(matrix), axis=1, initial=0.0))
+        matrix *= self._of_rows[:, None]
+        self._of_columns = _inverse(np.max(abs(matrix), axis=0, initial=0.0))
+        matrix *= self._of_columns
+        self._lu, self._pivots, info = lapack.dgetrf(matrix)
+        norm = np.max(np.sum(abs(matrix), axis=1), initial=0.0)
+        rcond = lapack.dgecon(self._lu, norm, norm="I")[0] if info == 0 else 0.0
+        self.singular = not rcond > SINGULAR
+        self._matrix = matrix if self.singular else None
+
+    def solve(self, b: Array) -> Array:
+        """Solve; a consistent singular system has the solution of least squares."""
+        right = b[self._kept].copy()
+        forces = [right[step.own.ravel()].copy() for step in self._steps]
+        for step, force in zip(self._steps, forces, strict=True):
+            right -= step.reactions @ force
+            right[step.own.ravel()] = b[step.c].ravel() - step.times(force[:, None]).ravel()
+        right *= self._of_rows
+        if self._matrix is None:
+            found = lapack.dgetrs(self._lu, self._pivots, right)[0]
+        else:
+            found = lstsq(self._matrix, right, lapack_driver="gelsy")[0]
+        found = found * self._of_columns
+        x = np.zeros(self._size)
+        x[self._kept] = found
+        for step, force, balance in zip(self._steps, forces, self._balance, strict=True):
+            rest = (force - balance @ found).reshape(step.own.shape)
+            x[step.c] = np.einsum("nij,nj->ni", step.inverse, rest)
+        return x
+
+
+class _Eliminated:
+    """The multipliers of a contact's regular nodes, eliminated by the forces on their own dofs."""
+
+    def __init__(
+        self, part: Elements, regular: npt.NDArray[np.bool_], place: Indices, size: int
+    ) -> None:
+        d, columns, matrices = part.d, part.columns[regular], part.matrices[regular]
+        q = place[columns[:, :-d]]
+        self.own, self.c = q[:, :d], columns[:, -d:]
+        self.inverse = np.linalg.inv(matrices[:, :d, -d:])
+        self._slopes = matrices[:, -d:, -d:] @ self.inverse
+        own = np.arange(self.own.size).reshape(self.own.shape)
+        self.rows_of_q = _sparse(own, q, matrices[:, -d:, :-d], (self.own.size, size))
+        others, forces = q[:, d:], matrices[:, d:-d, -d:] @ self.inverse
+        self.reactions = _sparse(others, own, forces, (size, self.own.size))
+
+    def times(self, rows: Array) -> Array:
+        """Multiply rows of the balance of forces by what multipliers do in the rows of the law."""
+        n, d = self.own.shape
+        return np.asarray((self._slopes @ rows.reshape(n, d, -1)).reshape(n * d, -1))
+
+
+def _regular(part: Elements, parts: Sequence[Elements], n: int) -> npt.NDArray[np.bool_]:
+    """Tell which nodes are free, and only in this element."""
+    counts = np.zeros(n, dtype=np.int64)
+    for other in parts:
+        q = other.split()[0]
+        np.add.at(counts, q[q >= 0], 1)
+    own, c = part.split()[0][:, : part.d], part.split()[1]
+    free = np.all(own >= 0, axis=1) & np.all(c >= 0, axis=1)
+    return np.asarray(free & np.all(counts[np.where(own >= 0, own, 0)] == 1, axis=1))
+
+
+def _scatter(matrix: Array, columns: Indices, blocks: Array) -> None:
+    """Add blocks to a dense matrix; unknowns -1 are left out."""
+    rows = np.broadcast_to(columns[:, :, None], blocks.shape)
+    cols = np.broadcast_to(columns[:, None, :], blocks.shape)
+    there = (rows >= 0) & (cols >= 0)
+    np.add.at(matrix, (rows[there], cols[there]), blocks[there])
+
+
+def _sparse(rows: Indices, cols: Indices, blocks: Array, shape: tuple[int, int]) -> csr_array:
+    """Return a sparse matrix of blocks; rows and columns -1 are left out."""
+    i = np.broadcast_to(rows[:, :, None], blocks.shape)
+    j = np.broadcast_to(cols[:, None, :], blocks.shape)
+    there = (i >= 0) & (j >= 0)
+    return csr_array((blocks[there], (i[there], j[there])), shape=shape)
+
+
+def _inverse(values: Array) -> Array:
+    """Return the inverse of sizes; one of zero."""
+    return np.where((values > 0.0) & (values < np.inf), 1.0 / np.maximum(values, 1e-300), 1.0)

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: MIT
+"""Whether a problem can be solved on its boundary, and what does it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import ufl
+from dolfinx import fem, mesh
+from ufl.algorithms import expand_derivatives, extract_coefficients
+
+from ..base.compat import jacobian_blocks
+from ..contact.contact import Contact
+from .boundary import BoundaryEquations
+from .boundary_newton import BoundaryNewton
+from .forces import ForceScales
+from .linear_bulk import Array, LinearBulk
+from .options import DEFAULT_OPTIONS
+
+#: Options that a user changes to have another linear solver for the whole system.
+LINEAR_SOLVER = ("ksp_type", "pc_type", "pc_factor_mat_solver_type")
+
+
+def obstacle_to_condensing(
+    blocks: Sequence[ufl.Form],
+    unknowns: Sequence[fem.Function],
+    contacts: Sequence[Contact],
+    options: Mapping[str, object],
+) -> str:
+    """Say why a bulk cannot be condensed; empty if it can."""
+    of_contact = [f for k in contacts for f in (k.c, k.pairing.field)]
+    tangents = [J for row in jacobian_blocks(blocks, unknowns) for J in row if J is not None]
+    if any(f in extract_coefficients(expand_derivatives(J)) for J in tangents for f in unknowns):
+        return "the bulk is not linear in its unknowns"
+    if any(f in extract_coefficients(block) for block in blocks for f in of_contact):
+        return "the bulk depends on the contact"
+    if any(f in extract_coefficients(k.rows.nodal) for k in contacts for f in unknowns):
+        return "a friction law depends on an unknown of the bulk"
+    if any(options.get(name) != DEFAULT_OPTIONS[name] for name in LINEAR_SOLVER[:2]):
+        return "petsc_options ask for another linear solver"
+    return ""
+
+
+def boundary_solver(
+    blocks: Sequence[ufl.Form],
+    unknowns: Sequence[fem.Function],
+    contacts: Sequence[Contact],
+    bcs: Sequence[fem.DirichletBC],
+    entity_maps: Sequence[mesh.EntityMap],
+    options: Mapping[str, object],
+    scales: ForceScales,
+    residuals: Callable[[], Sequence[Array]],
+) -> BoundaryNewton:
+    """Return what solves a problem on its boundary; collective.
+
+    Args:
+        blocks: Residuals of the bulk.
+        unknowns: Their unknowns, displacement first.
+        contacts: The contacts.
+        bcs: Dirichlet conditions.
+        entity_maps: Entity maps of all meshes in the residuals.
+        options: PETSc options.
+        scales: Measures residuals.
+        residuals: Returns the rows of the residuals at the owned dofs, without contact.
+    """
+    package = str(options["pc_factor_mat_solver_type"])
+    bulk = LinearBulk(blocks, unknowns, bcs, entity_maps, contacts, residuals, package)
+    state = [*unknowns, *(k.c for k in contacts)]
+    return BoundaryNewton(BoundaryEquations(bulk, state, contacts, bcs), state, options, scales)

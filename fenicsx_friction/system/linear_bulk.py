@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: MIT
+"""A bulk that is linear in its unknowns: factored once, condensed to the dofs of contact.
+
+The factor lives as long as all that its matrix depends on: fields and Constants in the tangent, the
+mesh, the set of prescribed dofs. This is compared, value by value, at the start of each step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, mesh
+from dolfinx.fem.petsc import assemble_matrix
+from ufl.algorithms import extract_coefficients
+from ufl.algorithms.analysis import extract_constants
+
+from ..base.collective import any_rank, gather_rows, largest_of_ranks
+from ..base.compat import jacobian_blocks
+from ..base.compilation import compiled
+from ..base.schur import InnerFactor, inner_factor
+from ..contact.contact import Contact
+from .conditions import constrained_dofs, with_conditions
+from .numbering import global_dofs, num_owned
+
+Array = npt.NDArray[np.floating]
+Indices = npt.NDArray[np.int64]
+
+
+class LinearBulk:
+    """The bulk of a problem, seen from the dofs of contact; methods are collective.
+
+    With the displacements ``q`` of these dofs, the forces of the bulk on them are
+    ``loads + schur (q - start)``.
+
+    Args:
+        blocks: Residuals of the bulk.
+        unknowns: Their unknowns, displacement first.
+        bcs: Dirichlet conditions.
+        entity_maps: Entity maps of all meshes in the residuals.
+        contacts: The contacts.
+        residuals: Returns the rows of the residuals at the owned dofs, without contact.
+        package: PETSc's name of the package that factors.
+
+    Attributes:
+        dofs: The owned free dofs of the displacement at nodes that contact may load.
+        start: Displacements of all ranks' dofs of contact at the start of the step (m).
+        loads: Forces of the bulk on this rank's dofs of contact at ``start`` (N).
+        factorisations: How many there have been.
+    """
+
+    def __init__(
+        self,
+        blocks: Sequence[ufl.Form],
+        unknowns: Sequence[fem.Function],
+        bcs: Sequence[fem.DirichletBC],
+        entity_maps: Sequence[mesh.EntityMap],
+        contacts: Sequence[Contact],
+        residuals: Callable[[], Sequence[Array]],
+        package: str,
+    ) -> None:
+        self._unknowns, self._bcs, self._residuals = list(unknowns), list(bcs), residuals
+        self._package, V = package, unknowns[0].function_space
+        self._comm, self._maps = V.mesh.comm, list(entity_maps)
+        self._tangent = jacobian_blocks(blocks, unknowns)
+        self.dofs = np.setdiff1d(_contact_dofs(contacts, V), constrained_dofs(V, bcs))
+        rows = global_dofs([f.function_space for f in unknowns])  # the displacement's come first
+        self._counts = np.array(self._comm.allgather(len(self.dofs)))
+        self._chosen = gather_rows(self._comm, rows[0][self.dofs], self._counts)
+        self._factor: InnerFactor | None = None
+        self._matrix: PETSc.Mat | None = None
+        self._forms: Any = None
+        self._made_of: list[Array] = []
+        self.factorisations = 0
+
+    @property
+    def size(self) -> int:
+        """Number of dofs of contact on all ranks."""
+        return int(np.sum(self._counts))
+
+    @property
+    def schur(self) -> Array:
+        """Stiffness (N/m) of the dofs of contact of all ranks, on all ranks."""
+        assert self._factor is not None
+        return self._factor.schur
+
+    def gathered(self) -> Array:
+        """Return the displacements (m) of the dofs of contact of all ranks."""
+        return gather_rows(self._comm, self._unknowns[0].x.array[self.dofs], self._counts)
+
+    def refresh(self) -> None:
+        """Factor again if anything that the matrix depends on has changed.
+
+        Raises:
+            FactorFailed: On all ranks.
+        """
+        now = self._dependencies()
+        same = len(now) == len(self._made_of) and all(map(np.array_equal, now, self._made_of))
+        if not any_rank(self._comm, self._factor is None or not same):
+            return
+        self.discard()
+        self._matrix = self._assemble()
+        self._factor = inner_factor(self._matrix, self._chosen, self._package)
+        self.factorisations += 1
+        self._made_of = [a.copy() for a in now]
+
+    def discard(self) -> None:
+        """Forget matrix and factor."""
+        for part in (self._matrix, self._factor):
+            if part is not None:
+                part.destroy()
+        self._matrix = self._factor = None
+
+    def enter(self) -> None:
+        """Give the unknowns their prescribed values."""
+        for f in self._unknowns:
+            f.x.array[:] = with_conditions(f, self._bcs)
+
+    def begin(self) -> float:
+        """Condense the loads of a step, from the present state; enters.
+
+        Returns the 2-norm of the residual without contact (N).
+        """
+        self.enter()
+        assert self._matrix is not None and self._factor is not None
+        r, y = self._matrix.createVecLeft(), self._matrix.createVecRight()
+        r.array[:] = np.concatenate(list(self._residuals()))
+        r.array[self._held()] = 0.0
+        norm = float(r.norm())
+        self._factor.solve(r, y)
+        y.array[self._held()] = 0.0
+        inner = self._matrix * y
+        self.loads = r.array[self.dofs] - inner.array[self.dofs]
+        self.start = self.gathered()
+        self._resting = (
+            np.concatenate([f.x.array[: num_owned(f)] for f in self._unknowns]) - y.array
+        )
+        for o in (r, y, inner):
+            o.destroy()
+        return norm
+
+    def recover(self) -> None:
+        """Set all unknowns of the bulk from the displacements of the dofs of contact."""
+        assert self._matrix is not None and self._factor is not None
+        moved, inner = self._matrix.createVecRight(), self._matrix.createVecRight()
+        u = self._unknowns[0]
+        kept = u.x.array[self.dofs].copy()
+        moved.array[self.dofs] = kept - self._resting[self.dofs]
+        forces = self._matrix * moved
+        self._factor.solve(forces, inner)
+        inner.array[self._held()] = 0.0
+        values, at = self._resting - inner.array, 0
+        values[self.dofs] = kept
+        for f in self._unknowns:
+            f.x.array[: num_owned(f)] = values[at : at + num_owned(f)]
+            f.x.scatter_forward()
+            at += num_owned(f)
+        for o in (moved, inner, forces):
+            o.destroy()
+
+    def _dependencies(self) -> list[Array]:
+        """Return all values that the matrix depends on."""
+        parts = [J for row in self._tangent for J in row if J is not None]
+        fields = {f for J in parts for f in extract_coefficients(J)}
+        numbers = {c for J in parts for c in extract_constants(J)}
+        domains = {d for J in parts for d in J.ufl_domains()}
+        held = [constrained_dofs(f.function_space, self._bcs) for f in self._unknowns]
+        return [
+            *(f.x.array for f in sorted(fields, key=lambda f: f.count())),
+            *(np.asarray(c.value) for c in sorted(numbers, key=lambda c: c.count())),
+            *(d.ufl_cargo().geometry.x for d in sorted(domains, key=lambda d: d.ufl_id())),
+            *held,
+        ]
+
+    def _assemble(self) -> PETSc.Mat:
+        """Assemble the matrix; prescribed dofs have rows and columns of the identity."""
+        if self._forms is None:
+            self._forms = compiled(fem.form, self._comm)(self._tangent, entity_maps=self._maps)
+        if len(self._unknowns) == 1:
+            matrix = assemble_matrix(self._forms[0][0], bcs=self._bcs)
+        else:
+            matrix = assemble_matrix(self._forms, bcs=self._bcs, kind="mpi")
+        matrix.assemble()
+        diagonal = matrix.getDiagonal()
+        self._set_held(diagonal.array)
+        matrix.setDiagonal(diagonal)
+        diagonal.destroy()
+        return matrix
+
+    def _set_held(self, diagonal: Array) -> None:
+        """Give prescribed dofs a diagonal of the size of the others': MUMPS loses no digits."""
+        free, at = np.ones(len(diagonal), dtype=bool), 0
+        free[self._held()] = False
+        for f in self._unknowns:
+            part = slice(at, at + num_owned(f))
+            local = np.array([np.max(abs(diagonal[part][free[part]]), initial=0.0)])
+            largest = float(largest_of_ranks(self._comm, local)[0])
+            diagonal[part][~free[part]] = largest if 0.0 < largest < np.inf else 1.0
+            at = part.stop
+
+    def _held(self) -> Indices:
+        """Return the owned rows that are conditions."""
+        found, at = [], 0
+        for f in self._unknowns:
+            dofs = constrained_dofs(f.function_space, self._bcs)
+            found.append(at + dofs[dofs < num_owned(f)])
+            at += num_owned(f)
+        return np.concatenate(found)
+
+
+def _contact_dofs(contacts: Sequence[Contact], V: fem.FunctionSpace) -> Indices:
+    """Return the owned dofs of the displacement at the nodes of all surfaces, ascending."""
+    nodes = [k.parent_dofs[: k.surface.num_owned] for k in contacts]
+    nodes += [k.pairing.partners(V) for k in contacts]
+    blocks, d = np.unique(np.concatenate(nodes)).astype(np.int64), V.dofmap.index_map_bs
+    return (d * blocks[:, None] + np.arange(d)).ravel()

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: MIT
+"""The ways to solve the substeps of a problem: on the whole system, or on its boundary."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from ..base.log import tell
+from ..base.schur import FactorFailed
+from .boundary_newton import BoundaryNewton
+from .newton import Newton
+
+#: Up to so many displacements in contact, solving on the boundary is the cheaper way.
+MOST_DOFS = 4000
+
+
+class Solvers:
+    """Knows all solvers of a problem, and which one is in use.
+
+    Args:
+        full: Solves the whole system.
+        boundary: Solves on the dofs of contact, if the bulk allows it.
+
+    Attributes:
+        full: As given.
+        now: The one in use; the full one but inside of :meth:`use`.
+    """
+
+    def __init__(self, full: Newton, boundary: BoundaryNewton | None) -> None:
+        self.full, self._boundary = full, boundary
+        self.now: Newton | BoundaryNewton = full
+
+    @property
+    def small(self) -> bool:
+        """Whether a dense matrix of the boundary is the cheaper way."""
+        return self._boundary is not None and self._boundary.equations.bulk.size <= MOST_DOFS
+
+    @property
+    def factorisations(self) -> int:
+        """How often the condensed bulk was factored."""
+        return 0 if self._boundary is None else self._boundary.equations.bulk.factorisations
+
+    def condense(self) -> float | None:
+        """Condense the bulk under the loads of a step; the unknowns get their prescribed values.
+
+        Returns the 2-norm of the forces without contact (N), or ``None`` if it is not possible.
+        """
+        assert self._boundary is not None
+        bulk = self._boundary.equations.bulk
+        try:
+            bulk.refresh()
+        except FactorFailed as error:
+            tell(self.full.comm, logging.DEBUG, "the bulk cannot be condensed: %s", error)
+            bulk.discard()
+            return None
+        forces = bulk.begin()
+        return forces if np.isfinite(forces) else None
+
+    @contextmanager
+    def use(self, *, condensed: bool) -> Iterator[None]:
+        """Solve on the boundary inside, or the whole system."""
+        if condensed:
+            assert self._boundary is not None
+            self._boundary.equations.bulk.enter()
+            self.now = self._boundary
+        try:
+            yield
+        finally:
+            self.now = self.full
+
+    def recover(self) -> None:
+        """Find the unknowns inside the bulk from those of the boundary."""
+        assert self._boundary is not None
+        self._boundary.equations.bulk.recover()
+
+    def discard(self) -> None:
+        """Forget all that may be incomplete after an error."""
+        self.full.discard()
+        if self._boundary is not None:
+            self._boundary.discard()
