@@ -32,7 +32,15 @@ ASYMMETRY = 1e-13
 
 
 class FactorFailed(Exception):
-    """A factor that cannot be made: the matrix without the chosen rows is singular, say."""
+    """A factor that cannot be made: the matrix without the chosen rows is singular, say.
+
+    Attributes:
+        code: What MUMPS says (``INFOG(1)``), or 0.
+    """
+
+    def __init__(self, message: str, code: int = 0) -> None:
+        super().__init__(message)
+        self.code = code
 
 
 class InnerFactor(ABC):
@@ -53,28 +61,29 @@ class InnerFactor(ABC):
         """Free the memory."""
 
 
-def inner_factor(K: PETSc.Mat, chosen: Indices, package: str) -> InnerFactor:
+def inner_factor(K: PETSc.Mat, chosen: Indices, package: str, prefix: str) -> InnerFactor:
     """Factor a matrix without the chosen rows; collective.
 
     Args:
         K: The matrix.
         chosen: Numbers of the chosen rows, ascending, the same on all ranks.
         package: PETSc's name of the package that factors, ``"mumps"`` say.
+        prefix: Of the options that it reads from PETSc's database.
 
     Raises:
         FactorFailed: On all ranks.
     """
     symmetric = K.isSymmetric(ASYMMETRY * K.norm(PETSc.NormType.INFINITY))
     if K.comm.size == 1 and package == "mumps" and _petsc() is not None:
-        return _WithSchur(K, chosen, symmetric)
-    return _ByBackSolves(K, chosen, package, symmetric)
+        return _WithSchur(K, chosen, symmetric, prefix)
+    return _ByBackSolves(K, chosen, package, symmetric, prefix)
 
 
 class _WithSchur(InnerFactor):
     """MUMPS finds the Schur complement within the factorisation."""
 
-    def __init__(self, K: PETSc.Mat, chosen: Indices, symmetric: bool) -> None:
-        self._pc = _factor_of(K, "mumps", symmetric)
+    def __init__(self, K: PETSc.Mat, chosen: Indices, symmetric: bool, prefix: str) -> None:
+        self._pc = _factor_of(K, "mumps", symmetric, prefix)
         factor, library = self._pc.getFactorMatrix(), _petsc()
         assert library is not None
         rows = PETSc.IS().createGeneral(chosen.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
@@ -96,13 +105,15 @@ class _WithSchur(InnerFactor):
 class _ByBackSolves(InnerFactor):
     """The identity stands in the chosen rows and columns; solves find the Schur complement."""
 
-    def __init__(self, K: PETSc.Mat, chosen: Indices, package: str, symmetric: bool) -> None:
+    def __init__(
+        self, K: PETSc.Mat, chosen: Indices, package: str, symmetric: bool, prefix: str
+    ) -> None:
         self._inner = K.copy()
         first, last = K.getOwnershipRange()
         self._own = chosen[(chosen >= first) & (chosen < last)]
         self._rows = self._own - first
         self._inner.zeroRowsColumns(self._own.astype(PETSc.IntType), diag=1.0)
-        self._pc = _factor_of(self._inner, package, symmetric)
+        self._pc = _factor_of(self._inner, package, symmetric, prefix)
         _set_up(self._pc, package)
         parts = [self._block(K, chosen[i : i + BLOCK]) for i in range(0, len(chosen), BLOCK)]
         own = np.hstack(parts) if parts else np.zeros((0, 0))
@@ -138,9 +149,10 @@ class _ByBackSolves(InnerFactor):
         self._inner.destroy()
 
 
-def _factor_of(K: PETSc.Mat, package: str, symmetric: bool) -> PETSc.PC:
+def _factor_of(K: PETSc.Mat, package: str, symmetric: bool, prefix: str) -> PETSc.PC:
     """Return a direct solver that is not yet set up; collective."""
     pc = PETSc.PC().create(K.comm)
+    pc.setOptionsPrefix(prefix)
     K.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
     pc.setOperators(K)
     pc.setType("cholesky" if symmetric and package == "mumps" else "lu")
@@ -157,7 +169,7 @@ def _set_up(pc: PETSc.PC, package: str) -> None:
         raise FactorFailed(str(error)) from error
     code = pc.getFactorMatrix().getMumpsInfog(1) if package == "mumps" else 0
     if code < 0 or pc.getFailedReason() > 0:
-        raise FactorFailed(f"reason {pc.getFailedReason()}, MUMPS' INFOG(1) = {code}")
+        raise FactorFailed(f"reason {pc.getFailedReason()}, MUMPS' INFOG(1) = {code}", code)
 
 
 def _copied_schur(library: ctypes.CDLL, factor: PETSc.Mat, size: int) -> Array:

@@ -45,8 +45,10 @@ def _advance(system: ContactSystem) -> StepReport:
     changed, start = _begin(system)
     substeps: list[SubstepReport] = []
     failed: _Failed | None = None
-    made = system.solvers.factorisations
+    made, distrusted = system.solvers.factorisations, False
     for attempt, condensed, forces in _ways(system, changed, start):
+        if condensed and distrusted:
+            continue
         snapshot.restore(changed, start)
         with system.solvers.use(condensed=condensed):
             if attempt is not None:
@@ -64,6 +66,7 @@ def _advance(system: ContactSystem) -> StepReport:
             failed = _Failed(report, crossed, snapshot.ProblemSnapshot(system))
         if crossed or report.certificate.drowned:
             break  # another way to solve the step would not fare better
+        distrusted = condensed and attempt is not None and substeps[-1].converged
     assert failed is not None
     report = replace(failed.report, substeps=tuple(substeps))
     failed.state.restore()

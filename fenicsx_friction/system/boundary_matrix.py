@@ -144,7 +144,7 @@ class _Eliminated:
     def times(self, rows: Array) -> Array:
         """Multiply rows of the balance of forces by what multipliers do in the rows of the law."""
         n, d = self.own.shape
-        return np.asarray((self._slopes @ rows.reshape(n, d, -1)).reshape(n * d, -1))
+        return np.asarray((self._slopes @ rows.reshape(n, d, rows.shape[1])).reshape(rows.shape))
 
 
 def _regular(part: Elements, parts: Sequence[Elements], n: int) -> npt.NDArray[np.bool_]:

@@ -47,6 +47,7 @@ def boundary_solver(
     contacts: Sequence[Contact],
     bcs: Sequence[fem.DirichletBC],
     entity_maps: Sequence[mesh.EntityMap],
+    prefix: str,
     options: Mapping[str, object],
     scales: ForceScales,
     residuals: Callable[[], Sequence[Array]],
@@ -59,11 +60,12 @@ def boundary_solver(
         contacts: The contacts.
         bcs: Dirichlet conditions.
         entity_maps: Entity maps of all meshes in the residuals.
+        prefix: Prefix of the PETSc options.
         options: PETSc options.
         scales: Measures residuals.
         residuals: Returns the rows of the residuals at the owned dofs, without contact.
     """
-    package = str(options["pc_factor_mat_solver_type"])
-    bulk = LinearBulk(blocks, unknowns, bcs, entity_maps, contacts, residuals, package)
+    settings = (f"{prefix}bulk_", options)
+    bulk = LinearBulk(blocks, unknowns, bcs, entity_maps, contacts, residuals, *settings)
     state = [*unknowns, *(k.c for k in contacts)]
     return BoundaryNewton(BoundaryEquations(bulk, state, contacts, bcs), state, options, scales)

@@ -31,6 +31,8 @@ SOLVERS = (
     *("mkl_cpardiso", "pastix", "strumpack"),
 )
 
+#: For MUMPS, in per cent above what it estimates.
+MORE_WORKSPACE: dict[str, object] = {"mat_mumps_icntl_14": 200}
 ASK_FOR_WORKSPACE = (
     "its workspace was estimated too small: pass petsc_options={'mat_mumps_icntl_14': 100} (per "
     "cent above the estimate), or more"

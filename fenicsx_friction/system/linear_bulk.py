@@ -7,7 +7,7 @@ mesh, the set of prescribed dofs. This is compared, value by value, at the start
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from petsc4py import PETSc
@@ -17,16 +17,18 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
-from ufl.algorithms import extract_coefficients
+from ufl.algorithms import expand_derivatives, extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 
 from ..base.collective import any_rank, gather_rows, largest_of_ranks
 from ..base.compat import jacobian_blocks
 from ..base.compilation import compiled
-from ..base.schur import InnerFactor, inner_factor
+from ..base.schur import FactorFailed, InnerFactor, inner_factor
 from ..contact.contact import Contact
 from .conditions import constrained_dofs, with_conditions
+from .linear import MORE_WORKSPACE, WORKSPACE
 from .numbering import global_dofs, num_owned
+from .options import inside
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -45,7 +47,8 @@ class LinearBulk:
         entity_maps: Entity maps of all meshes in the residuals.
         contacts: The contacts.
         residuals: Returns the rows of the residuals at the owned dofs, without contact.
-        package: PETSc's name of the package that factors.
+        prefix: Prefix of the PETSc options of the factor.
+        options: PETSc options.
 
     Attributes:
         dofs: The owned free dofs of the displacement at nodes that contact may load.
@@ -62,10 +65,12 @@ class LinearBulk:
         entity_maps: Sequence[mesh.EntityMap],
         contacts: Sequence[Contact],
         residuals: Callable[[], Sequence[Array]],
-        package: str,
+        prefix: str,
+        options: Mapping[str, object],
     ) -> None:
         self._unknowns, self._bcs, self._residuals = list(unknowns), list(bcs), residuals
-        self._package, V = package, unknowns[0].function_space
+        V = unknowns[0].function_space
+        self._prefix, self._options = prefix, options
         self._comm, self._maps = V.mesh.comm, list(entity_maps)
         self._tangent = jacobian_blocks(blocks, unknowns)
         self.dofs = np.setdiff1d(_contact_dofs(contacts, V), constrained_dofs(V, bcs))
@@ -105,9 +110,21 @@ class LinearBulk:
             return
         self.discard()
         self._matrix = self._assemble()
-        self._factor = inner_factor(self._matrix, self._chosen, self._package)
+        try:
+            self._factor = self._factored(self._options)
+        except FactorFailed as error:
+            if error.code not in WORKSPACE:
+                raise
+            self._factor = self._factored(MORE_WORKSPACE | dict(self._options))
         self.factorisations += 1
         self._made_of = [a.copy() for a in now]
+
+    def _factored(self, options: Mapping[str, object]) -> InnerFactor:
+        """Return a new factor."""
+        assert self._matrix is not None
+        package = str(self._options["pc_factor_mat_solver_type"])
+        with inside(self._prefix, options):
+            return inner_factor(self._matrix, self._chosen, package, self._prefix)
 
     def discard(self) -> None:
         """Forget matrix and factor."""
@@ -165,7 +182,7 @@ class LinearBulk:
 
     def _dependencies(self) -> list[Array]:
         """Return all values that the matrix depends on."""
-        parts = [J for row in self._tangent for J in row if J is not None]
+        parts = [expand_derivatives(J) for row in self._tangent for J in row if J is not None]
         fields = {f for J in parts for f in extract_coefficients(J)}
         numbers = {c for J in parts for c in extract_constants(J)}
         domains = {d for J in parts for d in J.ufl_domains()}

@@ -125,7 +125,7 @@ class Newton:
         prefix, ksp = snes.getOptionsPrefix(), snes.getKSP()
         ksp.setOptionsPrefix(prefix)  # MUMPS looks there when it makes a factor
         if (options := effective(prefix, self.options)) != self._linear_options:
-            with inside(ksp, self.options):
+            with inside(prefix, self.options):
                 ksp.setFromOptions()
             forget_factor(snes)
             self._linear_options = options

@@ -19,13 +19,13 @@ DEFAULT_OPTIONS: dict[str, object] = {
 
 
 @contextmanager
-def inside(solver: PETSc.Object, options: Mapping[str, object]) -> Iterator[None]:
-    """Put options into PETSc's database inside the context only.
+def inside(prefix: str, options: Mapping[str, object]) -> Iterator[None]:
+    """Put options of a prefix into PETSc's database inside the context only.
 
     A later solver with the same prefix must not find them. MUMPS reads its options only at the
     first factorisation.
     """
-    database = PETSc.Options(solver.getOptionsPrefix())
+    database = PETSc.Options(prefix)
     before = {k: database.getString(k) for k in options if database.hasName(k)}
     try:
         for name, value in options.items():
@@ -41,7 +41,7 @@ def inside(solver: PETSc.Object, options: Mapping[str, object]) -> Iterator[None
 def set_up(solver: PETSc.SNES | PETSc.KSP, options: Mapping[str, object]) -> None:
     """Set up a solver, or say which options PETSc refuses."""
     try:
-        with inside(solver, options):
+        with inside(solver.getOptionsPrefix(), options):
             solver.setFromOptions()
     except PETSc.Error as error:
         raise ContactInputError(

@@ -18,7 +18,13 @@ from ..contact.contact import Contact
 from .boundary_newton import BoundaryNewton
 from .contact_terms import Law
 from .convergence import Progress
-from .linear import factor_failure, forget_factor, out_of_memory, workspace_too_small
+from .linear import (
+    MORE_WORKSPACE,
+    factor_failure,
+    forget_factor,
+    out_of_memory,
+    workspace_too_small,
+)
 from .newton import Newton
 from .options import inside, reason_name
 from .report import SubstepReport
@@ -26,8 +32,6 @@ from .solvers import Solvers
 
 #: The linear solve failed.
 LINEAR = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
-#: For MUMPS, in per cent above what it estimates.
-MORE_WORKSPACE: dict[str, object] = {"mat_mumps_icntl_14": 200}
 
 
 class Substep:
@@ -178,7 +182,7 @@ class Substep:
         """Solve as ``NonlinearProblem.solve``, which knows no right-hand side."""
         snes = self.solver
         try:
-            with self._guarded(), inside(snes, options):
+            with self._guarded(), inside(self._prefix, options):
                 x = self._newton.prepare(snes, self.law)
                 snes.solve(target, x)
         except PETSc.Error as error:

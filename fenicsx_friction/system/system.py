@@ -140,9 +140,11 @@ class ContactSystem:
         shared = (self._entity_maps, self.scales, self.terms)
         newton = Newton(forms, self.state, self.bcs, prefix, options, *shared)
         self._whole = obstacle_to_condensing(blocks, self.unknowns, self.contacts, options)
-        parts = (blocks, self.unknowns, self.contacts, self.bcs, self._entity_maps, options)
+        parts = (blocks, self.unknowns, self.contacts, self.bcs, self._entity_maps)
         bulk = weakly(self, lambda there: [there.assemble_bulk(), *there.assemble_others()])
-        boundary = None if self._whole else boundary_solver(*parts, self.scales, bulk)
+        boundary = (
+            None if self._whole else boundary_solver(*parts, prefix, options, self.scales, bulk)
+        )
         self.solvers = solvers = Solvers(newton, boundary)
         eps, xi, sign = self._eps, self._xi, self._ramp_sign  # not self: no reference cycle
         self.stick = Substep("stick", prefix, solvers, lambda k: k.rows.stick(eps))

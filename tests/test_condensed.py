@@ -1,0 +1,213 @@
+"""A linear bulk is factored once; contact is solved on its boundary, with the same result."""
+
+from dataclasses import replace
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+import ufl
+
+import fenicsx_friction as ff
+from bodies import stack
+from fenicsx_friction.base import schur
+from fenicsx_friction.system.linear_bulk import LinearBulk
+from models import Raous, block, raous, with_contact
+
+BLOCK = [(0.0, 0.0, -0.01), (0.004, 0.002, -0.01), (-0.004, 0.001, -0.012), (0.0, 0.0, 0.01)]
+STACK = [(0.0, 0.0, -0.01), (0.01, 0.005, -0.012), (0.0, 0.0, -0.01)]
+RAOUS = [(0.5, 0.5), (1.0, 1.0), (1.0, 0.4), (0.2, 0.2)]
+
+
+def follow(model, path, solver):
+    """Take a model along a path; return the reports and the largest numbers to compare."""
+    problem, step = model.problem, model.load if isinstance(model, Raous) else model.move
+    problem.settings = replace(problem.settings, solver=solver)
+    reports, states = [], []
+    for position in path:
+        step(*position)
+        reports.append(problem.solve())
+        states += [problem.u.x.array.copy(), *(k.c.x.array.copy() for k in problem.contacts)]
+    return reports, states
+
+
+def compare(make, path, tolerance=1e-9):
+    """Solve on the boundary and as a whole; return the reports of the former."""
+    condensed, found = follow(make("condensed_"), path, "condensed")
+    full, right = follow(make("full_"), path, "full")
+    for a, b in zip(condensed, full, strict=True):
+        assert a.certified and b.certified
+        assert (a.solver, b.solver) == ("condensed", "full")
+        assert [(k.stick, k.slip) for k in a.contacts] == [(k.stick, k.slip) for k in b.contacts]
+    kinds = len(found) // len(path)  # displacement, tractions
+    for i in range(kinds):
+        scale = max(np.max(abs(b), initial=0.0) for b in right[i::kinds])
+        for a, b in zip(found[i::kinds], right[i::kinds], strict=True):
+            assert a == pytest.approx(b, abs=tolerance * scale)
+    return condensed
+
+
+# -- the same result ---------------------------------------------------------------------------
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("mu", [0.0, 0.3, 1.0, 5.0])
+@pytest.mark.parametrize("corrector", ["projection", "ramp"])
+def test_rectangle(mu, corrector):
+    """The bulk would fall without its contact."""
+    reports = compare(lambda p: raous(8, 8, mu, p, corrector=corrector), RAOUS)
+    assert [r.factorisations for r in reports] == [1, 0, 0, 0]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_block(cell):
+    turned = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    reports = compare(lambda p: block(cell, 0.3, p, rotation=turned), BLOCK)
+    assert reports[1].contacts[0].slip > 0 and reports[3].contacts[0].open > 0
+    assert sum(r.factorisations for r in reports) == 1
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_two_bodies(cell):
+    """Pairs change on the way; the dofs of both surfaces stay."""
+    reports = compare(lambda p: stack(0.3, p, cell=cell, energy="small"), STACK)
+    assert sum(r.factorisations for r in reports) == 1
+
+
+def test_without_mumps_interface(monkeypatch):
+    monkeypatch.setattr(schur, "_petsc", lambda: None)
+    compare(lambda p: raous(8, 8, 1.0, p), RAOUS)
+
+
+# -- one factorisation -------------------------------------------------------------------------
+
+
+def factorisations():
+    """Return how many numerical factorisations PETSc has made so far, of any kind."""
+    names = ("MatLUFactorNum", "MatCholFctrNum")
+    return sum(PETSc.Log.Event(name).getPerfInfo()["count"] for name in names)
+
+
+def test_the_bulk_is_factored_once():
+    PETSc.Log.begin()
+    model = block("hexahedron", 0.3, "once_")
+    counts = []
+    for position in BLOCK:
+        before = factorisations()
+        model.move(*position)
+        assert model.problem.solve().solver == "condensed"
+        counts.append(factorisations() - before)
+    assert counts == [1, 0, 0, 0]
+    model.problem.settings = ff.StepSettings(solver="full")
+    before = factorisations()
+    model.move(*BLOCK[0])
+    report = model.problem.solve()
+    assert factorisations() - before == report.iterations > 1  # the count counts
+
+
+# -- never with an old factor ------------------------------------------------------------------
+
+
+def stiffened(model):
+    """Change the modulus of a block, a field."""
+    (young,) = (
+        f
+        for f in ufl.algorithms.extract_coefficients(model.problem.bulk)
+        if f.function_space.element.basix_element.degree == 0
+    )
+    young.x.array[:] *= 2.0
+
+
+def stretched(model):
+    """Move the mesh of a block, whose bottom stays."""
+    model.problem.u.function_space.mesh.geometry.x[:, 2] *= 1.5
+
+
+@pytest.mark.parametrize("change", [stiffened, stretched])
+@pytest.mark.parametrize("overlooked", [False, True])
+def test_a_changed_bulk_is_factored_again_or_not_believed(change, overlooked, monkeypatch):
+    force = []
+    for solver in ("auto", "full"):
+        model = block("hexahedron", 0.3, f"changed_{solver}_", solver=solver)
+        model.move(*BLOCK[0])
+        model.problem.solve()
+        change(model)
+        if overlooked:
+            monkeypatch.setattr(LinearBulk, "_dependencies", lambda self: self._made_of)
+        model.move(*BLOCK[1])
+        report = model.problem.solve()
+        assert report.certified
+        force.append(report.contacts[0].force)
+        if solver == "auto":
+            assert report.solver == ("full" if overlooked else "condensed")
+            assert report.factorisations == (0 if overlooked else 1)
+    assert force[0] == pytest.approx(force[1], rel=1e-9, abs=1e-9 * abs(force[1][2]))
+
+
+def negative(S):
+    return -S
+
+
+def one_entry(S):
+    S[0, 0] *= 1.0 + 1e-4
+    return S
+
+
+@pytest.mark.parametrize("spoil", [negative, one_entry, np.zeros_like])
+def test_a_wrong_schur_complement_is_not_believed(spoil, monkeypatch):
+    original = LinearBulk._factored
+
+    def wrong(self, options):
+        factor = original(self, options)
+        factor.schur = spoil(factor.schur)
+        return factor
+
+    monkeypatch.setattr(LinearBulk, "_factored", wrong)
+    found = []
+    for solver in ("auto", "full"):
+        model = raous(8, 8, 0.1, f"spoilt_{solver}_", solver=solver)
+        model.load(1.0, 1.0)
+        report = model.problem.solve()
+        assert report.certified and report.solver == "full"
+        found.append(report.contacts[0].force)
+    assert found[0] == pytest.approx(found[1], rel=1e-9, abs=1e-9)
+
+
+# -- where it is not possible ------------------------------------------------------------------
+
+
+def test_a_bulk_that_is_not_linear_is_solved_as_a_whole():
+    model = block("hexahedron", 0.3, "neo_", energy="finite")
+    model.move(*BLOCK[0])
+    assert model.problem.solve().solver == "full"
+    model.problem.settings = ff.StepSettings(solver="condensed")
+    with pytest.raises(ff.ContactInputError, match="'condensed': the bulk is not linear"):
+        model.problem.solve()
+
+
+def test_another_linear_solver_of_the_user_is_taken():
+    model = block("hexahedron", 0.3, "own_")
+    contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.3))
+    problem = with_contact(model, contact, "own_", petsc_options={"ksp_type": "gmres"})
+    model.move(*BLOCK[0])
+    assert problem.solve().solver == "full"
+
+
+def test_a_bulk_that_contact_heats_is_solved_as_a_whole():
+    """Terms with the contact traction in the user's forms depend on the iterate."""
+    model = raous(4, 4, 0.3, "heats_")
+    contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.3))
+    v = model.problem.bulk.arguments()[0]
+    drag = 1e-3 * contact.c[1] * v[0] * contact.surface.measure()
+    problem = ff.FrictionalContactProblem(
+        model.problem.bulk - drag,
+        model.problem.u,
+        contact=contact,
+        bcs=model.problem.bcs,
+        petsc_options_prefix="heated_",
+        entity_maps=[contact.surface.entity_map],
+    )
+    model.load(1.0, 1.0)
+    assert problem.solve().solver == "full"
