@@ -6,7 +6,8 @@ soft ones be wrong. Therefore each body, and each contact of a body, is a group 
 The scales are forces, not stiffness times displacement: a motion of everything changes nothing.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,8 @@ DIGITS = 16.0 * float(np.finfo(float).eps)
 COARSER, COARSEST = 1e3, 1e-4
 #: Tractions below this fraction of the forces of their body (over area) do not set a scale.
 FAINT = 1e-4
+#: Newton stops where a residual is this share of its estimated rounding error.
+SHARE = 0.25
 
 
 def coarsest(tolerance: float) -> float:
@@ -100,3 +103,9 @@ def _ratio(values: Array, scales: Array) -> Array:
     """Return ratios: 0 / 0 is 0, others over 0 are infinite, NaN stays."""
     ratio = np.where(values == 0.0, 0.0, np.where(np.isnan(values), np.nan, np.inf))
     return np.divide(values, scales, out=ratio, where=(scales > 0.0) & np.isfinite(scales))
+
+
+def joined(parts: Iterable[Scales]) -> Scales:
+    """Put groups together."""
+    parts = list(parts)
+    return Scales(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Scales)))

@@ -86,7 +86,9 @@ def _ways(
     """
     first, contact = (None, Attempt(system.settings.corrector)), _contact_forces(system)
     number = system.settings.fallbacks
-    if system.condensing and (forces := system.solvers.condense()) is not None:
+    solvers = system.solvers
+    condensing = solvers.condensing(system.settings.solver)
+    if condensing and (forces := solvers.condense()) is not None:
         for attempt in (*first, *CONDENSED_FALLBACKS[:number]):
             yield attempt, True, max(forces, contact)
     snapshot.restore(changed, start)

@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 from petsc4py import PETSc
 
-import numpy as np
 from dolfinx import fem
 
 from .boundary import BoundaryEquations
@@ -27,10 +26,11 @@ class BoundaryNewton:
         equations: The equations on the dofs of contact.
         unknowns: All unknowns of the problem.
         options: PETSc options; those of the nonlinear solver count.
-        scales: Measures residuals.
+        scales: Measures residuals of the whole system.
 
     Attributes:
         equations: As given.
+        measure: Measures residuals.
         unknowns: As given.
         options: Those of the nonlinear solver.
     """
@@ -44,10 +44,10 @@ class BoundaryNewton:
         options: Mapping[str, object],
         scales: ForceScales,
     ) -> None:
-        self.equations, self.unknowns, self._scales = equations, unknowns, scales
+        self.equations, self.unknowns = equations, unknowns
+        self.measure = scales.boundary(equations.bulk.dofs, equations.own)
         self.comm, self.errors = equations.comm, equations.errors
         self.options = {k: v for k, v in options.items() if k.startswith("snes_")}
-        self.contact_nodes = scales.contact_nodes
         self._solvers: dict[str, PETSc.SNES] = {}
         self._x, self._b = equations.vector(), equations.vector()
 
@@ -87,18 +87,6 @@ class BoundaryNewton:
         self.equations.read(self._x)
         self.equations.residual(None, self._x, b)
         return b
-
-    def excess(self, rows: np.ndarray, tolerance: float) -> float:
-        """Return the largest residual in units of what is allowed; elsewhere there is none.
-
-        Reactions do not count among the forces: they would cost an assembly.
-        """
-        every = np.zeros(len(self._scales.row_factors))
-        every[self.equations.own] = rows
-        return self._scales.excess(every, tolerance, reactions=False)
-
-    def find_noise(self) -> None:
-        """Do nothing: the rounding of the user's residual does not enter here."""
 
     def discard(self) -> None:
         """Forget the solvers."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Whether a problem can be solved on its boundary, and what does it."""
+"""The solvers of a problem; whether it can be solved on its boundary."""
 
 from __future__ import annotations
 
@@ -13,9 +13,13 @@ from ..base.compat import jacobian_blocks
 from ..contact.contact import Contact
 from .boundary import BoundaryEquations
 from .boundary_newton import BoundaryNewton
+from .contact_terms import ContactTerms
 from .forces import ForceScales
 from .linear_bulk import Array, LinearBulk
+from .newton import Newton
 from .options import DEFAULT_OPTIONS
+from .set_up import options_for, place
+from .solvers import Solvers
 
 #: Options that a user changes to have another linear solver for the whole system.
 LINEAR_SOLVER = ("ksp_type", "pc_type", "pc_factor_mat_solver_type")
@@ -41,18 +45,19 @@ def obstacle_to_condensing(
     return ""
 
 
-def boundary_solver(
+def solvers_of(
     blocks: Sequence[ufl.Form],
     unknowns: Sequence[fem.Function],
     contacts: Sequence[Contact],
     bcs: Sequence[fem.DirichletBC],
     entity_maps: Sequence[mesh.EntityMap],
     prefix: str,
-    options: Mapping[str, object],
+    options: Mapping[str, object] | None,
     scales: ForceScales,
+    terms: ContactTerms,
     residuals: Callable[[], Sequence[Array]],
-) -> BoundaryNewton:
-    """Return what solves a problem on its boundary; collective.
+) -> Solvers:
+    """Return the solvers of a problem; collective.
 
     Args:
         blocks: Residuals of the bulk.
@@ -61,11 +66,18 @@ def boundary_solver(
         bcs: Dirichlet conditions.
         entity_maps: Entity maps of all meshes in the residuals.
         prefix: Prefix of the PETSc options.
-        options: PETSc options.
+        options: PETSc options of the user.
         scales: Measures residuals.
+        terms: How contact enters the equations.
         residuals: Returns the rows of the residuals at the owned dofs, without contact.
     """
+    options = {**DEFAULT_OPTIONS, **options_for(contacts, options)}
+    state = [*unknowns, *(k.c for k in contacts)]
+    forms = [*blocks, *(place(k) for k in contacts)]
+    full = Newton(forms, state, bcs, prefix, options, entity_maps, scales, terms)
+    if reason := obstacle_to_condensing(blocks, unknowns, contacts, options):
+        return Solvers(full, None, reason)
     settings = (f"{prefix}bulk_", options)
     bulk = LinearBulk(blocks, unknowns, bcs, entity_maps, contacts, residuals, *settings)
-    state = [*unknowns, *(k.c for k in contacts)]
-    return BoundaryNewton(BoundaryEquations(bulk, state, contacts, bcs), state, options, scales)
+    equations = BoundaryEquations(bulk, state, contacts, bcs)
+    return Solvers(full, BoundaryNewton(equations, state, options, scales))

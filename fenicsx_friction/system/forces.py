@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from typing import Any
 
 from mpi4py import MPI
@@ -14,19 +13,18 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..base.collective import largest_of_ranks
-from ..certificate.groups import Array, Groups, Labels, connected
-from ..certificate.scales import DIGITS, FAINT, Scales
+from ..certificate.groups import Array, Groups
+from ..certificate.scales import DIGITS, FAINT, SHARE, Scales, joined
 from ..contact.contact import Contact
 from ..surfaces.cells import extreme_sizes
-from .bodies import number_bodies
+from .bodies import link_bodies, number_bodies
+from .boundary_measure import BoundaryMeasure
 from .conditions import with_conditions
 from .contact_terms import ContactTerms
 from .equations import FurtherEquation
 from .noise import rounding_errors
 from .row_groups import RowGroups
 
-#: Newton stops where a residual is this share of its estimated rounding error.
-SHARE = 0.25
 #: Rounding errors of forces may be this many times those of one measurement, and at most this
 #: fraction of stiffness times cell size.
 NOISE, MOST_NOISE = 4.0, 1e-11
@@ -78,14 +76,16 @@ class ForceScales:
         self._stiffness = abs(stiffness)
         self._bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]
         self.surfaces = [Groups(bodies, self.number) for bodies in self._bodies]
-        dofs = np.repeat(body, self._u.function_space.dofmap.index_map_bs)[: len(stiffness)]
-        self._rows = RowGroups(
-            unknowns, contacts, bcs, self._stiffness, equations, dofs, self._bodies, self.number
-        )
+        each = self._u.function_space.dofmap.index_map_bs
+        self._labels = np.repeat(body, each)[: len(stiffness)]
+        parts = (self._labels, self._bodies, self.number)
+        self._rows = RowGroups(unknowns, contacts, bcs, self._stiffness, equations, *parts)
         self._all, self._held = self._rows.bodies, self._rows.held
         self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
         self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
-        self._linked = self._link(body)
+        self._linked = link_bodies(
+            contacts, self._bodies, self._u.function_space, body, self.number
+        )
         self.contact_nodes = self._comm.allreduce(sum(len(n) for n in self._bodies), MPI.SUM)
         _, self._size = extreme_sizes(self._u.function_space.mesh)
         self._residuals = residuals
@@ -146,40 +146,64 @@ class ForceScales:
             equation.find_noise(NOISE * errors)
 
     def residuals(self, *blocks: Array) -> tuple[Array, Array]:
-        """Return the largest residual of each group (N or Pa), and over the stiffness (m).
-
-        Args:
-            blocks: The owned rows of some first blocks of the system.
-        """
+        """Return the largest residuals of the groups, see ``RowGroups``, for first blocks of rows."""
         return self._rows.residuals(np.concatenate(blocks))
 
-    def excess(self, rows: Array, tolerance: float, *, reactions: bool = True) -> float:
+    def excess(self, rows: Array, tolerance: float) -> float:
         """Return the largest residual in units of what a relative tolerance allows.
 
         Args:
             rows: The owned rows of the system, multiplied by the row factors.
             tolerance: Relative tolerance.
-            reactions: Whether reactions may count among the forces, which costs an assembly.
         """
         if np.any(self._over_ranks(self._rows.missed(rows)) > MISSED * self._values):
             return np.inf
         found = self.residuals(rows)
         contacts = slice(self.number, self.number * (1 + len(self._contacts)))
-        for with_reactions in (False, True)[: 1 + reactions]:
-            scales = self.scales(reactions=with_reactions)
+        for reactions in (False, True):  # reactions cost an assembly
+            scales = self.scales(self._momentum() if reactions else None)
             excess = scales.excess(*found, tolerance, SHARE)
             if np.max(excess) <= 1.0 or np.max(excess[contacts], initial=0.0) > 1.0:
                 break
         return float(np.max(excess))
 
-    def scales(self, *, reactions: bool = True) -> Scales:
-        """Measure all groups, with or without the reactions at held dofs."""
+    def scales(self, momentum: Array | None = None) -> Scales:
+        """Measure all groups.
+
+        Args:
+            momentum: Unbalanced forces (N) of the owned dofs: reactions at held ones count, too.
+        """
+        hidden = self._stiffness * abs(self._u.x.array[: len(self._stiffness)])
+        bodies, contacts = self._of_forces(self._all.largest(hidden), momentum)
+        return joined([bodies, contacts, *(e.scales(bodies) for e in self._equations)])
+
+    def boundary(self, dofs: npt.NDArray[np.int64], rows: npt.NDArray[np.int64]) -> BoundaryMeasure:
+        """Return what measures some rows of bodies and contacts, at the dofs of contact.
+
+        Args:
+            dofs: The owned dofs.
+            rows: The owned rows.
+        """
+        groups = Groups(self._labels[dofs], self.number)
+        part = self._rows.part(rows, self.number * (1 + len(self._contacts)))
+
+        def scales() -> Scales:
+            forces = self._stiffness[dofs] * abs(self._u.x.array[dofs])
+            return joined(self._of_forces(groups.largest(forces)))
+
+        return BoundaryMeasure(part, scales, self.contact_nodes)
+
+    def _of_forces(self, hidden: Array, momentum: Array | None = None) -> tuple[Scales, Scales]:
+        """Measure bodies and contacts.
+
+        Args:
+            hidden: Largest stiffness times displacement of each body (N).
+            momentum: See :meth:`scales`.
+        """
         largest = self._contact_forces()
-        if reactions:
-            largest = np.maximum(largest, self._held.largest(abs(self._momentum())))
-        u = self._u.x.array[: len(self._stiffness)]
-        local = np.stack([largest, DIGITS * self._all.largest(self._stiffness * abs(u))])
-        forces, hidden = self._over_ranks(local)
+        if momentum is not None:
+            largest = np.maximum(largest, self._held.largest(abs(momentum)))
+        forces, hidden = self._over_ranks(np.stack([largest, DIGITS * hidden]))
         strict = np.zeros(self.number, dtype=bool)
         bodies = Scales(
             forces, self._forces, hidden, self._given, self._length, self._noise, strict
@@ -201,26 +225,13 @@ class ForceScales:
             np.zeros(each * self.number),
             np.tile(strict, each),
         )
-        return _joined([bodies, contacts, *(e.scales(bodies) for e in self._equations)])
-
-    def _link(self, body: Labels) -> Labels:
-        """Number the groups of bodies that may meet each other; the group of each body."""
-        links = [np.column_stack([np.arange(self.number)] * 2)]
-        for k, secondary in zip(self._contacts, self._bodies, strict=True):
-            if k.pairing.deformable:
-                dofs = k.pairing.partners(self._u.function_space)
-                meets = np.unique(np.concatenate([secondary, body[dofs]]))
-                found = np.concatenate(self._comm.allgather(meets))
-                links.append(np.column_stack([np.full_like(found, found[0]), found]))
-        a, b = np.concatenate(links).T
-        return connected(self.number, a, b)[1]
+        return bodies, contacts
 
     def _contact_forces(self) -> Array:
         """Return the largest contact force on a node of each body (N), of this rank."""
         largest = np.zeros(self.number)
-        for k, group, lengths in zip(
-            self._contacts, self.surfaces, self._traction_lengths(), strict=True
-        ):
+        parts = (self._contacts, self.surfaces, self._traction_lengths())
+        for k, group, lengths in zip(*parts, strict=True):
             largest = np.maximum(largest, group.largest(k.nodal_area() * lengths))
         if any(k.pairing.deformable for k in self._contacts):  # the reactions are forces, too
             largest = np.maximum(largest, self._all.largest(abs(self._terms.momentum())))
@@ -238,8 +249,3 @@ class ForceScales:
     def _over_ranks(self, values: Array) -> Array:
         """Return the largest values of all ranks; what is not a number counts as infinite."""
         return largest_of_ranks(self._comm, values)
-
-
-def _joined(parts: Sequence[Scales]) -> Scales:
-    """Put groups together."""
-    return Scales(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Scales)))

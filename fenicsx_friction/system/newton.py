@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 from petsc4py import PETSc
 
-import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assign
@@ -145,15 +144,7 @@ class Newton:
         self._callbacks.evaluate(problem.x, b, law)
         return b
 
-    def excess(self, rows: np.ndarray, tolerance: float) -> float:
-        """Return the largest residual in units of what a relative tolerance allows."""
-        return self.scales.excess(rows, tolerance)
-
-    def find_noise(self) -> None:
-        """Measure the rounding of the user's residual at this state."""
-        self.scales.find_noise()
-
     @property
-    def contact_nodes(self) -> int:
-        """Number of nodes of all contacts."""
-        return self.scales.contact_nodes
+    def measure(self) -> ForceScales:
+        """Measures residuals."""
+        return self.scales

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -14,6 +16,37 @@ from ..certificate.groups import Array, Groups, Labels
 from ..contact.contact import Contact
 from .conditions import constrained_dofs
 from .equations import FurtherEquation
+
+
+class MeasuredRows:
+    """Rows with the group that each belongs to.
+
+    Args:
+        comm: The ranks.
+        number: Number of groups.
+        labels: Group of each row of this rank, or -1.
+        weights: What a row is in the unit of its group (N or Pa).
+        compliances: What a row is in metres.
+    """
+
+    def __init__(
+        self, comm: MPI.Intracomm, number: int, labels: Labels, weights: Array, compliances: Array
+    ) -> None:
+        self._comm, self._labels, self.size = comm, labels, len(labels)
+        self._weights, self._compliances = weights, compliances
+        self._groups = Groups(labels, number)
+
+    def part(self, rows: npt.NDArray[np.int64], number: int) -> MeasuredRows:
+        """Return some rows alone, which belong to some first groups."""
+        parts = (self._labels[rows], self._weights[rows], self._compliances[rows])
+        return MeasuredRows(self._comm, number, *parts)
+
+    def residuals(self, rows: Array) -> tuple[Array, Array]:
+        """Return the largest residual of each group (N or Pa), and over the stiffness (m)."""
+        sizes = abs(rows)
+        largest = [self._groups.largest(sizes * w) for w in (self._weights, self._compliances)]
+        residual, distance = largest_of_ranks(self._comm, np.stack(largest))
+        return residual, distance
 
 
 class RowGroups:
@@ -68,11 +101,18 @@ class RowGroups:
         Args:
             rows: Some first owned rows of the system; collective.
         """
-        every = np.zeros(len(self._weights))
-        every[: len(rows)] = abs(rows)
-        largest = [self._rows.largest(every * w) for w in (self._weights, self._compliances)]
-        residual, distance = largest_of_ranks(self._comm, np.stack(largest))
-        return residual, distance
+        every = np.zeros(len(self.row_factors))
+        every[: len(rows)] = rows
+        return self._measured.residuals(every)
+
+    def part(self, rows: npt.NDArray[np.int64], number: int) -> MeasuredRows:
+        """Return some owned rows alone.
+
+        Args:
+            rows: Their numbers.
+            number: How many first groups they belong to.
+        """
+        return self._measured.part(rows, number)
 
     def missed(self, rows: Array) -> Array:
         """Return the largest distance of each unknown from its conditions, on this rank.
@@ -104,20 +144,20 @@ class RowGroups:
             labels.append(np.repeat(number * (1 + i) + body, d))
             weights.append(np.repeat(1.0 / k.nodal_area(), d))
             compliances.append(weights[-1] / np.repeat(k.nodal_scale(), d))
-        self._rows = Groups(np.concatenate(labels), groups)
         self.equilibrium = np.r_[:number, first:groups]
-        self._weights, self._compliances = np.concatenate(weights), np.concatenate(compliances)
+        parts = (np.concatenate(labels), np.concatenate(weights), np.concatenate(compliances))
+        self._measured = MeasuredRows(self._comm, groups, *parts)
 
     def _find_conditions(self, fixed: Sequence[npt.NDArray[np.bool_]]) -> None:
         """Find the rows that are conditions, and what makes forces of them."""
-        conditions = np.full(len(self._weights), -1)
+        conditions = np.full(self._measured.size, -1)
         unknown = np.repeat(np.arange(len(fixed)), [len(held) for held in fixed])
         held = np.concatenate(fixed)
         conditions[: len(held)] = np.where(held, unknown, -1)
         self._conditions = Groups(conditions, len(fixed))
         self.held_rows = np.flatnonzero(held)
         factors = np.concatenate([self._stiffness, *(e.row_factors for e in self._equations)])
-        self.row_factors = np.ones(len(self._weights))
+        self.row_factors = np.ones(self._measured.size)
         self.row_factors[: len(held)] = np.where(held, factors, 1.0)
 
 

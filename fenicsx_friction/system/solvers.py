@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from ..base.errors import ContactInputError
 from ..base.log import tell
 from ..base.schur import FactorFailed
 from .boundary_newton import BoundaryNewton
@@ -23,21 +24,34 @@ class Solvers:
 
     Args:
         full: Solves the whole system.
-        boundary: Solves on the dofs of contact, if the bulk allows it.
+        boundary: Solves on the dofs of contact, if the problem allows it.
+        reason: Why it does not.
 
     Attributes:
         full: As given.
         now: The one in use; the full one but inside of :meth:`use`.
     """
 
-    def __init__(self, full: Newton, boundary: BoundaryNewton | None) -> None:
-        self.full, self._boundary = full, boundary
+    def __init__(self, full: Newton, boundary: BoundaryNewton | None, reason: str = "") -> None:
+        self.full, self._boundary, self._reason = full, boundary, reason
         self.now: Newton | BoundaryNewton = full
 
-    @property
-    def small(self) -> bool:
-        """Whether a dense matrix of the boundary is the cheaper way."""
-        return self._boundary is not None and self._boundary.equations.bulk.size <= MOST_DOFS
+    def condensing(self, how: str) -> bool:
+        """Tell whether steps are to be solved on the boundary.
+
+        Args:
+            how: ``"auto"``, ``"condensed"`` or ``"full"``.
+
+        Raises:
+            ContactInputError: If that is not possible.
+        """
+        if how == "condensed" and self._boundary is None:
+            raise ContactInputError(
+                f"settings.solver = 'condensed': {self._reason}; take 'auto' or 'full'."
+            )
+        if self._boundary is None or how == "full":
+            return False
+        return how == "condensed" or self._boundary.equations.bulk.size <= MOST_DOFS
 
     @property
     def factorisations(self) -> int:

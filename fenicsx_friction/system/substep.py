@@ -10,6 +10,7 @@ from contextlib import contextmanager
 
 from petsc4py import PETSc
 
+from dolfinx import fem
 from ufl.core.expr import Expr
 
 from ..base.errors import OutOfMemory
@@ -51,7 +52,7 @@ class Substep:
         self.name, self._prefix = name, f"{prefix}{name}_"
         self._solvers, self._rows, self._scales = solvers, rows, solvers.full.scales
         self._law: Law | None = None
-        self._progress, self._failure, self._spent = Progress(self._newton, 0.0), "", 0
+        self._progress, self._failure, self._spent = Progress(self._newton.measure, 0.0), "", 0
 
     @property
     def _newton(self) -> Newton | BoundaryNewton:
@@ -96,7 +97,7 @@ class Substep:
     def is_solved(self, tolerance: float) -> bool:
         """Tell whether the current unknowns solve the substep to a relative tolerance."""
         residual = self.residual()
-        solved = self._newton.excess(residual.array_r, tolerance) <= 1.0
+        solved = self._newton.measure.excess(residual.array_r, tolerance) <= 1.0
         residual.destroy()
         return solved
 
@@ -143,7 +144,11 @@ class Substep:
         chosen, limit = options["snes_linesearch_type"], options["snes_max_it"]
         snes.getLineSearch().setType(str(line_search or chosen))
         snes.setTolerances(max_it=int(str(max_it or limit)))
-        self._progress, self._failure, self._spent = Progress(self._newton, tolerance), "", 0
+        self._progress, self._failure, self._spent = (
+            Progress(self._newton.measure, tolerance),
+            "",
+            0,
+        )
         converged, reason = self._run(target)
         history = self._progress.history
         iterations = self._spent + max(len(history) - 1, 0)
@@ -172,7 +177,7 @@ class Substep:
                 f.x.array[:] = values
             forget_factor(self.solver)
             self._spent = len(self._progress.history) - 1
-            self._progress = Progress(self._newton, self._progress.tolerance)
+            self._progress = Progress(self._newton.measure, self._progress.tolerance)
             found = self._run_once(target, MORE_WORKSPACE | options)
         if self.solver.getConvergedReason() == LINEAR:
             self._explain_failure(self.solver)
@@ -209,3 +214,14 @@ class Substep:
         """Keep what the test raises."""
         with self._newton.errors():
             return self._progress.judge(snes, it, norms[-1])
+
+
+def substeps(
+    prefix: str, solvers: Solvers, eps: fem.Constant, xi: fem.Constant, sign: fem.Constant
+) -> tuple[Substep, Substep, Substep]:
+    """Return the stick predictor, the slip corrector and the natural map."""
+    return (
+        Substep("stick", prefix, solvers, lambda k: k.rows.stick(eps)),
+        Substep("slip", prefix, solvers, lambda k: k.rows.slip(eps, xi, sign)),
+        Substep("projection", prefix, solvers, lambda k: k.rows.projection(eps, xi)),
+    )

@@ -20,17 +20,14 @@ from ..certificate.nodal_state import NodalState
 from ..contact.contact import Contact
 from ..surfaces.measures import share_facet_data
 from .assembly import assemble_owned, weakly
-from .condensing import boundary_solver, obstacle_to_condensing
+from .condensing import solvers_of
 from .conditions import constrained_dofs, missed_values
 from .contact_terms import ContactTerms
 from .forces import ForceScales
-from .newton import Newton
-from .options import DEFAULT_OPTIONS
 from .report import ContactReport, SubstepReport
-from .set_up import further_equations, options_for, place, set_up_contacts, stiffness_diagonal
+from .set_up import further_equations, set_up_contacts, stiffness_diagonal
 from .settings import StepSettings, settings_of
-from .solvers import Solvers
-from .substep import Substep
+from .substep import Substep, substeps
 from .totals import total
 
 
@@ -129,43 +126,20 @@ class ContactSystem:
             weakly(self, lambda there: there.assemble_momentum()),
             weakly(self, lambda there: [there.assemble_momentum(), *there.assemble_others()]),
         )
-        self._set_up_substeps(blocks, prefix, options)
-
-    def _set_up_substeps(
-        self, blocks: list[ufl.Form], prefix: str, options: Mapping[str, object] | None
-    ) -> None:
-        """Make the substeps and what they share."""
-        options = {**DEFAULT_OPTIONS, **options_for(self.contacts, options)}
-        forms = [*blocks, *(place(k) for k in self.contacts)]
-        shared = (self._entity_maps, self.scales, self.terms)
-        newton = Newton(forms, self.state, self.bcs, prefix, options, *shared)
-        self._whole = obstacle_to_condensing(blocks, self.unknowns, self.contacts, options)
-        parts = (blocks, self.unknowns, self.contacts, self.bcs, self._entity_maps)
-        bulk = weakly(self, lambda there: [there.assemble_bulk(), *there.assemble_others()])
-        boundary = (
-            None if self._whole else boundary_solver(*parts, prefix, options, self.scales, bulk)
+        self.solvers = solvers_of(
+            blocks,
+            self.unknowns,
+            self.contacts,
+            self.bcs,
+            self._entity_maps,
+            prefix,
+            options,
+            self.scales,
+            self.terms,
+            weakly(self, lambda there: [there.assemble_bulk(), *there.assemble_others()]),
         )
-        self.solvers = solvers = Solvers(newton, boundary)
-        eps, xi, sign = self._eps, self._xi, self._ramp_sign  # not self: no reference cycle
-        self.stick = Substep("stick", prefix, solvers, lambda k: k.rows.stick(eps))
-        self.slip = Substep("slip", prefix, solvers, lambda k: k.rows.slip(eps, xi, sign))
-        self.projection = Substep(
-            "projection", prefix, solvers, lambda k: k.rows.projection(eps, xi)
-        )
-
-    @property
-    def condensing(self) -> bool:
-        """Whether steps are solved on the boundary of a condensed bulk.
-
-        Raises:
-            ContactInputError: If the settings ask for what is not possible.
-        """
-        how = self.settings.solver
-        if how == "condensed" and self._whole:
-            raise ContactInputError(
-                f"settings.solver = 'condensed': {self._whole}; take 'auto' or 'full'."
-            )
-        return not self._whole and (how == "condensed" or (how == "auto" and self.solvers.small))
+        numbers = (self._eps, self._xi, self._ramp_sign)
+        self.stick, self.slip, self.projection = substeps(prefix, self.solvers, *numbers)
 
     @property
     def settings(self) -> StepSettings:
@@ -244,14 +218,15 @@ class ContactSystem:
     def _certify(self) -> Certificate:
         """Certify the current values with the rounding errors measured so far."""
         states = self.nodal_states()
-        found = self.scales.residuals(self.assemble_momentum(), *self.assemble_others())
+        momentum = self.assemble_momentum()
+        found = self.scales.residuals(momentum, *self.assemble_others())
         equations = self.scales.equilibrium
         pushed = max(k.pushed(s) for k, s in zip(self.contacts, states, strict=True))
         return certify(
             self.comm,
             states,
             surfaces=self.scales.surfaces,
-            scales=self.scales.scales(),
+            scales=self.scales.scales(momentum),
             unbalanced=(found[0][equations], found[1][equations]),
             boundary=missed_values(self.unknowns, self.bcs),
             pushed=self.comm.allreduce(pushed, MPI.MAX),
