@@ -106,8 +106,7 @@ class ForceScales:
         noise = DIGITS * np.stack([self._stiffest * given, given])
         linked = [np.max(noise[:, self._linked == part], axis=1) for part in self._linked]
         self._given, self._length = np.transpose(linked)
-        values = np.array([np.max(values, initial=0.0) for values in there])
-        self._values = self._over_ranks(values)
+        self._values = self._over_ranks(np.array([np.max(v, initial=0.0) for v in there]))
         for equation in self._equations:
             equation.begin()
 
@@ -146,7 +145,7 @@ class ForceScales:
             equation.find_noise(NOISE * errors)
 
     def residuals(self, *blocks: Array) -> tuple[Array, Array]:
-        """Return the largest residuals of the groups, see ``RowGroups``, for first blocks of rows."""
+        """Return the largest residuals of the groups in first blocks, see ``RowGroups``."""
         return self._rows.residuals(np.concatenate(blocks))
 
     def excess(self, rows: Array, tolerance: float) -> float:
