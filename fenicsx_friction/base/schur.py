@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import ctypes
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 from petsc4py import PETSc
 
@@ -27,6 +28,8 @@ Indices = npt.NDArray[np.int64]
 
 #: Right-hand sides that are solved together.
 BLOCK = 32
+#: What MUMPS says of a matrix that is not positive definite.
+INDEFINITE = (-10, -40)
 #: A matrix is symmetric up to this difference from its transpose, relative to its largest entry.
 ASYMMETRY = 1e-13
 
@@ -83,13 +86,16 @@ class _WithSchur(InnerFactor):
     """MUMPS finds the Schur complement within the factorisation."""
 
     def __init__(self, K: PETSc.Mat, chosen: Indices, symmetric: bool, prefix: str) -> None:
-        self._pc = _factor_of(K, "mumps", symmetric, prefix)
-        factor, library = self._pc.getFactorMatrix(), _petsc()
+        library = _petsc()
         assert library is not None
         rows = PETSc.IS().createGeneral(chosen.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
-        _check(library.MatFactorSetSchurIS(_handle(factor), _handle(rows)))
+
+        def prepare(factor: PETSc.Mat) -> None:
+            _check(library.MatFactorSetSchurIS(_handle(factor), _handle(rows)))
+
+        self._pc = _factored(K, "mumps", symmetric, prefix, prepare)
         rows.destroy()
-        _set_up(self._pc, "mumps")
+        factor = self._pc.getFactorMatrix()
         self.schur = _copied_schur(library, factor, len(chosen))
         factor.setMumpsIcntl(26, 0)
         self._factor, self._chosen = factor, chosen
@@ -113,8 +119,7 @@ class _ByBackSolves(InnerFactor):
         self._own = chosen[(chosen >= first) & (chosen < last)]
         self._rows = self._own - first
         self._inner.zeroRowsColumns(self._own.astype(PETSc.IntType), diag=1.0)
-        self._pc = _factor_of(self._inner, package, symmetric, prefix)
-        _set_up(self._pc, package)
+        self._pc = _factored(self._inner, package, symmetric, prefix)
         parts = [self._block(K, chosen[i : i + BLOCK]) for i in range(0, len(chosen), BLOCK)]
         own = np.hstack(parts) if parts else np.zeros((0, 0))
         self.schur = np.concatenate(K.comm.tompi4py().allgather(own))
@@ -149,27 +154,56 @@ class _ByBackSolves(InnerFactor):
         self._inner.destroy()
 
 
-def _factor_of(K: PETSc.Mat, package: str, symmetric: bool, prefix: str) -> PETSc.PC:
-    """Return a direct solver that is not yet set up; collective."""
+def _factored(
+    K: PETSc.Mat,
+    package: str,
+    symmetric: bool,
+    prefix: str,
+    prepare: Callable[[PETSc.Mat], None] = lambda factor: None,
+) -> PETSc.PC:
+    """Factor as what the matrix is: positive definite, symmetric or general; collective."""
+    if package != "mumps" or not symmetric:
+        return _factored_as("lu", False, K, package, prefix, prepare)
+    try:
+        pc = _factored_as("cholesky", True, K, package, prefix, prepare)
+    except FactorFailed as error:
+        if error.code not in INDEFINITE:
+            raise
+    else:
+        if pc.getFactorMatrix().getMumpsInfog(12) == 0:  # negative pivots
+            return pc
+        pc.destroy()
+    return _factored_as("cholesky", False, K, package, prefix, prepare)
+
+
+def _factored_as(
+    kind: str,
+    definite: bool,
+    K: PETSc.Mat,
+    package: str,
+    prefix: str,
+    prepare: Callable[[PETSc.Mat], None],
+) -> PETSc.PC:
+    """Factor, or raise a :class:`FactorFailed`; collective."""
     pc = PETSc.PC().create(K.comm)
     pc.setOptionsPrefix(prefix)
-    K.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
+    K.setOption(PETSc.Mat.Option.SYMMETRIC, kind == "cholesky")
+    K.setOption(PETSc.Mat.Option.SPD, definite)
     pc.setOperators(K)
-    pc.setType("cholesky" if symmetric and package == "mumps" else "lu")
+    pc.setType(kind)
     pc.setFactorSolverType(package)
     pc.setFactorSetUpSolverType()
-    return pc
-
-
-def _set_up(pc: PETSc.PC, package: str) -> None:
-    """Factor, or raise a :class:`FactorFailed`; collective."""
+    prepare(pc.getFactorMatrix())
     try:
         pc.setUp()
     except PETSc.Error as error:
         raise FactorFailed(str(error)) from error
     code = pc.getFactorMatrix().getMumpsInfog(1) if package == "mumps" else 0
     if code < 0 or pc.getFailedReason() > 0:
-        raise FactorFailed(f"reason {pc.getFailedReason()}, MUMPS' INFOG(1) = {code}", code)
+        reason = pc.getFailedReason()
+        pc.destroy()
+        raise FactorFailed(f"reason {reason}, MUMPS' INFOG(1) = {code}", code)
+    return pc
 
 
 def _copied_schur(library: ctypes.CDLL, factor: PETSc.Mat, size: int) -> Array:
