@@ -90,7 +90,9 @@ def test_problems_of_one_prefix_keep_their_options_apart():
     for model, option in zip(models, (77, 33), strict=True):
         contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.3))
         options = {"mat_mumps_icntl_14": option}
-        problems.append(with_contact(model, contact, "same_", petsc_options=options))
+        settings = ff.StepSettings(solver="full")
+        parts = {"petsc_options": options, "settings": settings}
+        problems.append(with_contact(model, contact, "same_", **parts))
     for model, problem in zip(models, problems, strict=True):
         model.move(0.0, 0.0, -0.01)
         assert problem.solve().certified

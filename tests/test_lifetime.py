@@ -8,21 +8,26 @@ import pytest
 import fenicsx_friction as ff
 from bodies import stack
 from fenicsx_friction.laws import rows
-from fenicsx_friction.system import newton
+from fenicsx_friction.system import condensing, newton
 from models import raous
 
 
 @pytest.fixture
 def alive(monkeypatch):
-    """References to all nonlinear problems that are made; no garbage collector."""
+    """References to all solvers that are made; no garbage collector."""
     made = []
 
-    class Watched(newton.NonlinearProblem):
-        def __init__(self, *args, **kwargs):
-            super().__init__(*args, **kwargs)
-            made.append(weakref.ref(self))
+    def watch(where, name):
+        class Watched(getattr(where, name)):
+            def __init__(self, *args, **kwargs):
+                super().__init__(*args, **kwargs)
+                made.append(weakref.ref(self))
 
-    monkeypatch.setattr(newton, "NonlinearProblem", Watched)
+        monkeypatch.setattr(where, name, Watched)
+
+    watch(newton, "NonlinearProblem")
+    watch(condensing, "BoundaryNewton")
+    watch(condensing, "LinearBulk")
     gc.disable()
     yield lambda: [problem() is not None for problem in made]
     gc.enable()

@@ -99,7 +99,8 @@ def test_hard_sweep_fails_at_once_and_passes_in_cut_steps():
 @pytest.mark.mpi
 def test_cycling_nodes_are_named_with_their_states(monkeypatch):
     """Full Newton steps alone cycle at mu = 20."""
-    monkeypatch.setattr(step, "FALLBACKS", ())
+    for ladder in ("FALLBACKS", "CONDENSED_FALLBACKS"):
+        monkeypatch.setattr(step, ladder, ())
     model = raous(16, 16, 20.0, "cycling_")
     stepper = LoadStepper(
         model.problem, lambda t: model.load(3 * t, t / 2), end=1.0, step=1.0, smallest=1.0

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import fem
-from ufl.algorithms import extract_coefficients
+from dolfinx import default_scalar_type, fem
+from ufl.algorithms import extract_arguments, extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 from ufl.core.expr import Expr
 from ufl.corealg.traversal import unique_pre_traversal
@@ -17,7 +17,9 @@ from .compat import same_topology
 from .errors import ContactInputError
 
 
-def check_terminals(expression: Expr, allowed: Iterable[object], what: str) -> None:
+def check_terminals(
+    expression: Expr, allowed: Iterable[object], what: str, *, arguments: bool = True
+) -> None:
     """Raise a ContactInputError for what has no values or lives on another mesh.
 
     A ``fem.Constant`` may belong to any mesh: it is a number.
@@ -26,11 +28,21 @@ def check_terminals(expression: Expr, allowed: Iterable[object], what: str) -> N
         expression: A UFL expression.
         allowed: Meshes, or topologies of meshes, that may be in it.
         what: Name of the expression in messages.
+        arguments: Whether there may be test or trial functions.
     """
     allowed = list(allowed)
+    if not arguments and (found := extract_arguments(expression)):
+        raise ContactInputError(
+            f"{what} contains {found[0]}, a test or trial function: leave it out."
+        )
     for f in extract_coefficients(expression):
         if not isinstance(f, fem.Function):
             raise ContactInputError(f"{what} contains {f}, which has no values: use fem.Function.")
+        if f.x.array.dtype != default_scalar_type:
+            raise ContactInputError(
+                f"{what} contains the Function {f.name} of type {f.x.array.dtype}; this DOLFINx "
+                f"computes with {np.dtype(default_scalar_type)}: make it of that type."
+            )
         _check_mesh(f.function_space.mesh, allowed, f"{what} contains the Function {f.name}")
     for c in extract_constants(expression):
         if not isinstance(c, fem.Constant):

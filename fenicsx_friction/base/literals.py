@@ -6,30 +6,27 @@ coefficient of friction would compile everything again. Exponents stay, because 
 powers depend on them.
 """
 
-from typing import TypeVar
-
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
 from ufl.algorithms import expand_derivatives
-from ufl.algorithms.map_integrands import map_integrands
 from ufl.classes import Expr, FloatValue, Power, Variable
 
 from .replacing import Replacing
 
-T = TypeVar("T", ufl.Form, Expr)
+Domain = mesh.Mesh | ufl.Mesh
 
 
 class _Lifter(Replacing):
     """Puts a Constant in place of each number."""
 
-    def __init__(self, msh: mesh.Mesh) -> None:
+    def __init__(self, domain: Domain) -> None:
         super().__init__()
-        self._mesh = msh
+        self._domain = domain
 
     def replacement(self, o: Expr) -> Expr | None:
         """Return the Constant of a number, what a variable stands for, a power of a new base."""
         if isinstance(o, FloatValue):
-            return as_constant(float(o), self._mesh)
+            return as_constant(float(o), self._domain)
         if isinstance(o, Variable):
             return self(o.ufl_operands[0])
         if isinstance(o, Power):
@@ -38,19 +35,28 @@ class _Lifter(Replacing):
         return None
 
 
-def lifted(part: T, msh: mesh.Mesh) -> T:
-    """Return a form or expression with Constants in place of numbers, and derivatives expanded.
+def lifted_form(form: ufl.Form) -> ufl.Form:
+    """Return a form with Constants in place of numbers, and derivatives expanded.
 
-    No variable is left, either: their labels would be part of what tells compiled forms apart.
+    No variable is left, either: their labels would be part of what tells compiled forms apart. The
+    Constants of an integral belong to its own mesh.
+    """
+    parts = []
+    for part in expand_derivatives(form).integrals():
+        parts.append(part.reconstruct(integrand=_Lifter(part.ufl_domain())(part.integrand())))
+    return ufl.Form(parts)
+
+
+def lifted(expression: Expr, domain: Domain) -> Expr:
+    """Return an expression with Constants in place of numbers, see :func:`lifted_form`.
 
     Args:
-        part: The form or expression.
-        msh: The mesh that the Constants belong to.
+        expression: The expression.
+        domain: What the Constants belong to.
     """
-    lifter, part = _Lifter(msh), expand_derivatives(part)
-    return lifter(part) if isinstance(part, Expr) else map_integrands(lifter, part)
+    return _Lifter(domain)(expand_derivatives(expression))
 
 
-def as_constant(value: float, msh: mesh.Mesh) -> fem.Constant:
+def as_constant(value: float, domain: Domain) -> fem.Constant:
     """Return a number as a Constant of a mesh."""
-    return fem.Constant(msh, default_scalar_type(value))
+    return fem.Constant(domain, default_scalar_type(value))

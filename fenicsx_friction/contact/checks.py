@@ -1,22 +1,30 @@
 # SPDX-License-Identifier: MIT
 """Checks of one contact: its surface, obstacle and friction law, tried on the displacement."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.core.expr import Expr
 
-from ..base.domains import check_terminals
+from ..base.domains import check_terminals, not_finite
 from ..base.errors import ContactInputError
 from ..base.validators import call
 from ..laws.friction import FrictionLaw, Sliding
 from ..obstacles.deformable import DeformableObstacle
+from ..obstacles.kinematics import Array
 from ..obstacles.rigid import RigidObstacle
 from ..surfaces.faces import check_surfaces
 from ..surfaces.surface import ContactSurface
 from .contact import Contact
+
+#: A metric is symmetric up to this fraction of its largest entry.
+ASYMMETRY = 1e-10
 
 
 def check_contact(contact: Contact, u: fem.Function) -> None:
@@ -37,7 +45,7 @@ def check_contact(contact: Contact, u: fem.Function) -> None:
 
 
 def check_normals(contact: Contact) -> None:
-    """Raise a ContactInputError, on all ranks, where a rigid obstacle has no normal; collective.
+    """Raise a ContactInputError, on all ranks, where a rigid obstacle has no gap or normal.
 
     Args:
         contact: A contact that is bound to a displacement.
@@ -45,15 +53,67 @@ def check_normals(contact: Contact) -> None:
     surface = contact.surface
     if not isinstance(contact.obstacle, RigidObstacle):
         return
-    bad = surface.x[~np.isfinite(contact.pairing.normals()).all(axis=1)]
-    found = [part for part in surface.mesh.comm.allgather(bad.tolist()) if part]
-    if found:
-        where = ", ".join(f"{value:.6g}" for value in found[0][0])
+    name = type(contact.obstacle).__name__
+    gaps = contact.pairing.gaps()
+    if bad := _first(surface, ~np.isfinite(gaps), gaps):
         raise ContactInputError(
-            f"The {type(contact.obstacle).__name__} of contact '{surface.name}' has no normal at "
-            f"node ({where}): the gradient of its gap is zero or not finite there. Move the "
-            "obstacle, or give a gap with a gradient of about length one."
+            f"The gap of the {name} of contact '{surface.name}' is {bad[0]} at node {bad[1]}, not "
+            "finite. Look at its shape and its motion."
         )
+    lengths = np.linalg.norm(contact.pairing.normals(), axis=1)
+    # A gradient too large for floats has no length, either.
+    if bad := _first(surface, ~(abs(lengths - 1.0) < 0.5), lengths):
+        raise ContactInputError(
+            f"The {name} of contact '{surface.name}' has no normal at node {bad[1]}: the gradient "
+            "of its gap is zero or not finite there. Move the obstacle, or give a gap with a "
+            "gradient of about length one."
+        )
+
+
+def check_friction(contact: Contact) -> None:
+    """Raise a ContactInputError, on all ranks, unless limit and metric of the law are possible."""
+    values, surface = contact.friction_at_unit_pressure(), contact.surface
+    bad = _first(surface, ~((values >= 0.0) & (values < np.inf)), values)
+    if bad:
+        limit = ufl.as_ufl(contact.friction.limit(ufl.as_ufl(1.0), contact.rows.sliding))
+        raise ContactInputError(
+            f"Contact '{surface.name}': the friction limit at unit pressure (mu) must be "
+            f">= 0 and finite at every contact node; it is {bad[0]} at {bad[1]}{not_finite(limit)}."
+        )
+    check_metric(contact)
+
+
+def check_metric(contact: Contact) -> None:
+    """Raise a ContactInputError, on all ranks, unless a metric is symmetric and positive."""
+    metrics = contact.metrics()
+    if metrics is None:
+        return
+    size = np.max(abs(metrics), axis=(1, 2), initial=0.0)
+    turned = np.max(abs(metrics - metrics.transpose(0, 2, 1)), axis=(1, 2), initial=0.0)
+    positive = np.linalg.det(metrics) > 0.0
+    positive &= np.trace(metrics, axis1=1, axis2=2) > 0.0
+    good = np.isfinite(size) & positive & (turned <= ASYMMETRY * size)
+    if bad := _first(contact.surface, ~good, [m.tolist() for m in metrics]):
+        raise ContactInputError(
+            f"Contact '{contact.surface.name}': {type(contact.friction).__name__}.metric must be a "
+            f"symmetric and positive definite tensor at every contact node; it is {bad[0]} at "
+            f"{bad[1]}. Else friction would drive the slip."
+        )
+
+
+def _first(
+    surface: ContactSurface, bad: npt.NDArray[np.bool_], values: Sequence[Any] | Array
+) -> tuple[str, str] | None:
+    """Return the value at the first bad node of all ranks, and its place; collective."""
+    nodes = [
+        (
+            str(values[i]) if isinstance(values, list) else f"{values[i]:g}",
+            f"({', '.join(f'{xi:.6g}' for xi in surface.x[i])})",
+        )
+        for i in np.flatnonzero(bad)[:1]
+    ]
+    found = [part for part in surface.mesh.comm.allgather(nodes) if part]
+    return found[0][0] if found else None
 
 
 def _check_gap(obstacle: RigidObstacle, surface: ContactSurface) -> None:
@@ -62,7 +122,7 @@ def _check_gap(obstacle: RigidObstacle, surface: ContactSurface) -> None:
     point = ufl.variable(ufl.SpatialCoordinate(surface.mesh))
     what = f"The gap of the {name} of contact '{surface.name}'"
     gap = call(obstacle.gap, what, point)
-    check_terminals(gap, [surface.mesh, surface.submesh], what)
+    check_terminals(gap, [surface.mesh, surface.submesh], what, arguments=False)
     gradient = call(
         lambda X: expand_derivatives(ufl.diff(gap, X)),
         f"{what}, differentiated,",
@@ -86,7 +146,7 @@ def _check_law(law: FrictionLaw, surface: ContactSurface) -> None:
     sliding = Sliding(slip, length, length, tangents, x)
     what = f"{name}.limit(pressure, sliding) of contact '{surface.name}'"
     limit = call(law.limit, what, pressure, sliding)
-    check_terminals(limit, meshes, what)
+    check_terminals(limit, meshes, what, arguments=False)
     for fixed in (0.0, 1.0):
         call(law.limit, f"{what}, at pressure {fixed:g},", ufl.as_ufl(fixed), sliding)
 
@@ -97,6 +157,12 @@ def _check_law(law: FrictionLaw, surface: ContactSurface) -> None:
 
     what = f"{name}.metric(sliding) of contact '{surface.name}'"
     check_terminals(call(metric, what, sliding, shape=(d - 1, d - 1)), meshes, what)
+
+    def inverse(sliding: Sliding) -> Expr:
+        """Return the inverse of the metric, worked out."""
+        return apply_algebra_lowering(ufl.inv(metric(sliding)))
+
+    call(inverse, f"The inverse of {what}", sliding, shape=(d - 1, d - 1))
     if not law.certifiable:
         what = f"{name}.row(s, c_t, limit, r, eps) of contact '{surface.name}'"
         row = call(law.row, what, slip, slip, limit, length, length, shape=(d - 1,))

@@ -5,10 +5,8 @@ import copy
 
 import numpy as np
 import numpy.typing as npt
-import ufl
 from dolfinx import fem
 
-from ..base.domains import not_finite
 from ..base.errors import ContactInputError
 from ..base.validators import instance, number
 from ..certificate.nodal_state import OPEN, NodalState
@@ -111,6 +109,9 @@ class Contact:
         self._own_row = None
         if self.rows.own_row is not None:
             self._own_row = NodalKernel(self.surface, self.rows.own_row)
+        self._metric = None
+        if self.rows.metric is not None:
+            self._metric = NodalKernel(self.surface, self.rows.metric)
         self.slip_increment: Array = np.zeros((self.surface.num_owned, side.d))
 
     def set_scale(self, stiffness_diagonal: fem.Function) -> None:
@@ -137,7 +138,13 @@ class Contact:
 
     def choose_frames(self) -> None:
         """Choose the frames anew, see ``Prescribed.choose``; collective."""
-        self._prescribed.choose(self.friction_at_unit_pressure() > 0.0)
+        self._prescribed.choose(self._rough)
+
+    def _rough(self) -> npt.NDArray[np.bool_]:
+        """Tell which nodes may have friction, at whatever pressure and slip; collective."""
+        self.pairing.update()
+        reach = NodalKernel(self.surface, self.rows.reach).values()
+        return np.asarray(~np.all(reach <= 0.0, axis=1))
 
     def close_touching(self) -> None:
         """Close nodes that touch up to rounding, before Newton's method starts; collective.
@@ -153,21 +160,6 @@ class Contact:
     def scale_r(self, factor: float) -> None:
         """Multiply ``r_p`` at all nodes."""
         self.r.x.array[:] *= factor
-
-    def check_friction(self) -> None:
-        """Raise a ContactInputError, on all ranks, unless the friction limit is ``>= 0``."""
-        bad = [
-            f"{value:g} at ({', '.join(f'{xi:.6g}' for xi in x)})"
-            for x, value in zip(self.surface.x, self.friction_at_unit_pressure(), strict=True)
-            if not 0.0 <= value < np.inf
-        ]
-        found = [part for part in self.surface.mesh.comm.allgather(bad) if part]
-        if found:
-            holding = not_finite(self.friction.limit(ufl.as_ufl(1.0), self.rows.sliding))
-            raise ContactInputError(
-                f"Contact '{self.surface.name}': the friction limit at unit pressure (mu) must be "
-                f">= 0 and finite at every contact node; it is {found[0][0]}{holding}."
-            )
 
     # -- nodal values, one row an owned node -----------------------------------------------------
 
@@ -207,6 +199,14 @@ class Contact:
     def friction_at_unit_pressure(self) -> Array:
         """Return the friction limits at unit pressure; collective."""
         return self._values()[:, -3]
+
+    def metrics(self) -> Array | None:
+        """Return the metric tensors of the law, or ``None`` for the identity; collective."""
+        if self._metric is None:
+            return None
+        self.pairing.update()
+        d = self.pairing.side.d - 1
+        return self._metric.values().reshape(-1, d, d)
 
     def nodal_traction(self) -> Array:
         """Return the traction vectors on the body in global axes (Pa); collective."""

@@ -5,13 +5,17 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from ..laws import rows
 from ..laws.friction import FrictionLaw, Sliding
 from ..obstacles.kinematics import Kinematics
+
+#: Pressures (Pa) at which a law that has friction has some, here or there.
+PRESSURES = (1.0, 1e3, 1e6, 1e9, 1e30)
 
 
 class LawRows:
@@ -30,6 +34,8 @@ class LawRows:
         nodal: Gap, slip and traction in the law's disk variables, and the friction limit: at the
             contact pressure, at a unit pressure, at ``c_n``; the length slid.
         own_row: ``R_t`` of a law that states no cone, or ``None``.
+        metric: Entries of the law's metric, or ``None`` for the identity.
+        reach: The friction limit where much presses and slides, to see whether there is friction.
     """
 
     def __init__(
@@ -50,9 +56,10 @@ class LawRows:
         self.sliding = Sliding(slip, path, length / dt, kinematics.tangents, kinematics.position)
         c_t, stick = (ufl.as_vector([c[k] for k in tangential]) for c in (fields.c, fields.c_stick))
         # In the variables M^-1 c_t, M s every cone is a disk; |M| = 1 keeps their units.
-        metric = friction.metric(self.sliding)
+        metric, self.metric = friction.metric(self.sliding), None
         self._scale = ufl.as_ufl(1.0)
         if metric is not None:
+            self.metric = ufl.as_vector([metric[i] for i in np.ndindex(metric.ufl_shape)])
             self._scale = abs(ufl.det(metric)) ** (1.0 / len(tangential))
             metric = metric / self._scale
             slip, c_t = metric * slip, ufl.inv(metric) * c_t
@@ -62,10 +69,22 @@ class LawRows:
         limits = [limit, friction.limit(ufl.as_ufl(1.0), self.sliding)]
         limits.append(self._scale * friction.limit(fields.c[0], self.sliding))
         self.nodal = ufl.as_vector([self._gap, *slip, *c_t, *limits, path])
+        self.reach = self._reach(fields.surface.mesh)
         self.own_row = None
         if not friction.certifiable:
             row = friction.row(slip, c_t, limit, fields.scale, ufl.as_ufl(0.0))
             self.own_row = ufl.as_vector([*row])
+
+    def _reach(self, msh: mesh.Mesh) -> Expr:
+        """Return the limits at some pressures, at rest and sliding, as a vector."""
+        far = fem.Constant(msh, 1.0)
+        moving = self.sliding._replace(
+            slip=ufl.as_vector([far] * len(self.sliding.slip)), path=far, rate=far
+        )
+        pressures = [ufl.as_ufl(p) for p in PRESSURES]
+        return ufl.as_vector(
+            [self._friction.limit(p, s) for p in pressures for s in (self.sliding, moving)]
+        )
 
     def stick(self, eps: Expr) -> Expr:
         """Return the rows of the stick predictor, eq. (14); without friction nothing sticks.

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -42,14 +44,14 @@ class Prescribed:
         """Remember how deep nodes are at the start, after pairs and frames are chosen."""
         self._overlap = np.maximum(-self._pairing.gaps(), 0.0) + touch(self._pairing)
 
-    def choose(self, rough: npt.NDArray[np.bool_]) -> None:
+    def choose(self, rough: Callable[[], npt.NDArray[np.bool_]]) -> None:
         """Choose again the prescribed directions of each frame, and its first tangent.
 
         A frame changes where the normal has turned or the node meets another face. Its multipliers
         turn with it.
 
         Args:
-            rough: Owned nodes with friction.
+            rough: Tells which owned nodes may have friction; collective.
 
         Raises:
             ContactInputError: If a node is held in a direction that is neither normal nor
@@ -57,7 +59,10 @@ class Prescribed:
         """
         side = self._side
         fixed, normals = self._fixed_components(), self._pairing.normals().copy()
-        self._refuse_oblique(fixed, normals, rough)
+        most = OBLIQUE_FACES if self._pairing.deformable else OBLIQUE
+        bad = frame.oblique(normals, fixed, most)
+        if any_rank(side.surface.mesh.comm, bool(np.any(bad))):
+            self._refuse_oblique(bad & rough())
         free = np.where(frame.pinned_directions(normals, fixed), 0.0, 1.0)
         hints, kept = side.nodal(side.hint), side.nodal(self._free)
         changed = np.any(free != kept, axis=1)
@@ -82,13 +87,9 @@ class Prescribed:
         deeper = np.where(state.takes_part, 0.0, -state.gap - self._overlap)
         return float(np.max(deeper, initial=0.0))
 
-    def _refuse_oblique(
-        self, fixed: npt.NDArray[np.bool_], normals: Array, rough: npt.NDArray[np.bool_]
-    ) -> None:
-        """Refuse nodes with friction that are held obliquely to the surface."""
-        surface = self._side.surface
-        most = OBLIQUE_FACES if self._pairing.deformable else OBLIQUE
-        bad = np.flatnonzero(frame.oblique(normals, fixed, most) & rough)
+    def _refuse_oblique(self, nodes: npt.NDArray[np.bool_]) -> None:
+        """Refuse nodes with friction that are held obliquely to the surface; collective."""
+        surface, bad = self._side.surface, np.flatnonzero(nodes)
         where = [", ".join(f"{xi:.6g}" for xi in surface.x[i][: self._side.d]) for i in bad]
         found = [x for part in surface.mesh.comm.allgather(where) for x in part]
         if found:

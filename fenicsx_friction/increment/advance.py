@@ -13,13 +13,13 @@ from dolfinx import fem
 
 from ..base.errors import ContactInputError, StepFailed
 from ..base.log import tell
-from ..contact.checks import check_normals
+from ..contact.checks import check_friction, check_normals
 from ..system.report import StepReport, SubstepReport
 from ..system.system import ContactSystem
 from . import snapshot
 from .correctors import CONDENSED_FALLBACKS, FALLBACKS, Attempt, correct, newton_tolerance, polish
 from .crossed import crossed_nodes
-from .diagnosis import explain
+from .diagnosis import explain, explain_not_finite
 
 #: Searches for the faces that nodes meet, each but the last followed by a solve.
 MAX_SEARCHES = 6
@@ -93,7 +93,8 @@ def _ways(
             yield attempt, True, max(forces, contact)
     snapshot.restore(changed, start)
     forces = system.projection.unbalanced()
-    _check_finite(system, forces)
+    if not np.isfinite(forces):
+        raise ContactInputError(explain_not_finite(system, forces))
     for attempt in (*first, *FALLBACKS[:number]):
         yield attempt, False, max(forces, contact)
 
@@ -132,8 +133,10 @@ def _begin(system: ContactSystem) -> tuple[list[fem.Function], snapshot.Snapshot
     changed = [*system.state, *(f for k in system.contacts for f in (k.hint, k.free))]
     start = snapshot.save(changed)
     system.set_smoothing(xi=0.0, eps=0.0)
+    _check_time(system.dt)
     for k in system.contacts:
-        k.check_friction()
+        check_normals(k)  # an obstacle that has moved may have none at some node
+        check_friction(k)
     system.scales.begin()
     return changed, start
 
@@ -170,14 +173,12 @@ def _judge(
     return report, crossed
 
 
-def _check_finite(system: ContactSystem, forces: float) -> None:
-    """Refuse loads and boundary values that are not finite, before any solve."""
-    if not np.isfinite(forces):
-        for k in system.contacts:
-            check_normals(k)  # an obstacle that has moved may have no normal at some node
+def _check_time(dt: fem.Constant) -> None:
+    """Refuse a length of the step that is none."""
+    if not 0.0 < dt.value < np.inf:
         raise ContactInputError(
-            f"The residual at the start of step {system.num_steps + 1} is {forces}: look for "
-            "NaN in loads, boundary values and material fields, and for inverted cells."
+            f"problem.dt = {float(dt.value):g} s must be positive and finite: it is the length of "
+            "the step, by which slip rates are divided."
         )
 
 

@@ -38,6 +38,25 @@ def explain(system: ContactSystem, report: StepReport) -> str:
     return "\n".join(lines)
 
 
+def explain_not_finite(system: ContactSystem, forces: float) -> str:
+    """Return a message on a residual that is not finite at the start of a step; collective."""
+    found = f"The residual at the start of step {system.num_steps + 1} is {forces}: "
+    laws = system.projection.law.kernels
+    for k, law in zip(system.contacts, laws, strict=True):
+        values = [law.values(), *law.derivatives()]
+        bad = np.any([~np.isfinite(v).reshape(len(v), -1).all(axis=1) for v in values], axis=0)
+        nodes = [describe(k.surface, i) for i in np.flatnonzero(bad)[:1]]
+        if first := list(chain.from_iterable(system.comm.allgather(nodes))):
+            return (
+                f"{found}at {first[0]}, {type(k.friction).__name__} or its derivative is not "
+                "finite, such as sqrt(pressure) at pressure 0; give it a finite slope."
+            )
+    return (
+        f"{found}look for NaN in loads, boundary values and material fields, and for inverted "
+        "cells."
+    )
+
+
 def _substeps(substeps: Sequence[SubstepReport]) -> str:
     """List the first substeps and total the others, by kind and end."""
     first, others = substeps[:SUBSTEPS_NAMED], substeps[SUBSTEPS_NAMED:]

@@ -16,7 +16,7 @@ from dolfinx import fem
 from ..base.compilation import compiled
 from ..base.domains import check_terminals
 from ..base.errors import ContactInputError
-from ..base.literals import lifted
+from ..base.literals import lifted_form
 from ..base.validators import instance
 from ..problem import FrictionalContactProblem
 from ..system.assembly import assemble_owned
@@ -80,9 +80,9 @@ class EnergyAudit:
                 problem, loads, "loads", 1, "the work of the loads, linear in a test function"
             )
         self._problem = problem
-        form, msh = compiled(fem.form, problem.comm), problem.u.function_space.mesh
-        self._stored = form(lifted(stored, msh))
-        self._loads = None if loads is None else form(lifted(loads, msh))
+        form = compiled(fem.form, problem.comm)
+        self._stored = form(lifted_form(stored))
+        self._loads = None if loads is None else form(lifted_form(loads))
         self._u, self._step = problem.u.x.array.copy(), problem.num_steps
         self._energy, self._forces, self._contact = self._evaluate()
 

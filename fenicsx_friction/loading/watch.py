@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain, groupby
 
-from petsc4py import PETSc
-
 import numpy as np
 import numpy.typing as npt
 
@@ -33,10 +31,7 @@ class NodeWatch:
     """
 
     def __init__(self, problem: ContactSystem) -> None:
-        # PETSc keeps its callbacks: a strong reference would never be collected.
         self._problem = weakref.ref(problem)
-        self._solver: PETSc.SNES | None = None
-        self._watching = False
         self._states: deque[npt.NDArray[np.int8]] = deque(maxlen=WATCHED_ITERATIONS)
         self._failed: SubstepReport | None = None
         self._failed_states: list[npt.NDArray[np.int8]] = []
@@ -46,9 +41,6 @@ class NodeWatch:
         """Watch the substeps run inside the context; forget those watched before."""
         problem = self._problem()
         assert problem is not None
-        if self._solver is not (solver := problem.projection.solver):
-            self._solver = solver
-            solver.setMonitor(self._record)  # never removed: PETSc can only cancel all monitors
         told = problem.monitor
 
         def tell(report: SubstepReport) -> None:
@@ -56,12 +48,12 @@ class NodeWatch:
             if told is not None:
                 told(report)
 
-        self._failed, self._failed_states, self._watching = None, [], True
-        problem.monitor = tell
+        self._failed, self._failed_states = None, []
+        problem.monitor, problem.projection.watch = tell, self._record
         try:
             yield
         finally:
-            problem.monitor, self._watching = told, False
+            problem.monitor, problem.projection.watch = told, None
 
     def lines(self) -> list[str]:
         """Name the nodes that changed state again and again in the failed substep; collective."""
@@ -85,11 +77,10 @@ class NodeWatch:
         )
         return [head, *(text for _, text in gathered[:NODES_NAMED])]
 
-    def _record(self, snes: PETSc.SNES, it: int, norm: float) -> None:
+    def _record(self, it: int) -> None:
         """Note the states of this rank's nodes: the Functions hold the iterate here; collective."""
         problem = self._problem()
-        if not self._watching or problem is None:
-            return
+        assert problem is not None
         if it == 0:
             self._states.clear()
         with np.errstate(all="ignore"):

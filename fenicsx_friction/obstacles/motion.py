@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Rigid motion of an obstacle: a translation and a rotation, set by the user before each step."""
 
+import weakref
 from collections.abc import Sequence
 
 import numpy as np
@@ -50,6 +51,7 @@ class RigidMotion:
         self._axis = direction / np.linalg.norm(direction)
         self._center_in_ufl = fem.Constant(msh, self._center)
         self._axis_in_ufl = fem.Constant(msh, self._axis)
+        self._problem: weakref.ref[object] | None = None
         self.translation, self._old_translation = (
             fem.Constant(msh, np.zeros(d, dtype=default_scalar_type)) for _ in range(2)
         )
@@ -97,6 +99,20 @@ class RigidMotion:
     def turned_by(self) -> Array:
         """Return the rotation matrix less the identity, in numbers."""
         return self._turn(float(self.angle.value)) - np.eye(len(self._center))
+
+    def claim(self, problem: object) -> None:
+        """Belong to a problem, which commits the positions.
+
+        Raises:
+            ContactInputError: If another living problem does that.
+        """
+        owner = None if self._problem is None else self._problem()
+        if owner is not None and owner is not problem:
+            raise ContactInputError(
+                "This RigidMotion already moves an obstacle of another problem, which would commit "
+                "its positions; make a RigidMotion of its own for each problem."
+            )
+        self._problem = weakref.ref(problem)
 
     def commit(self) -> None:
         """Make the present position that of the last accepted step."""

@@ -18,18 +18,21 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from ufl.algorithms import expand_derivatives
+from ufl.algorithms import expand_derivatives, extract_coefficients
+from ufl.algorithms.analysis import extract_constants
 from ufl.classes import (
     Derivative,
     Expr,
     GeometricQuantity,
     SpatialCoordinate,
 )
+from ufl.domain import extract_domains
 
 from ..base.compilation import compiled
+from ..base.errors import ContactInputError
 from ..base.literals import lifted
 from ..base.replacing import Replacing
-from .surface import ContactSurface, has_vertex_dofs
+from .surface import ContactSurface, has_vertex_dofs, is_nodal
 
 Array = npt.NDArray[np.floating]
 
@@ -53,9 +56,10 @@ class Points:
 
     def expression(self, values: Expr, comm: MPI.Intracomm) -> Callable[[], Array]:
         """Compile an expression; returns what evaluates it, one row a point."""
-        made = compiled(fem.Expression, comm)(
-            lifted(values, self.mesh), np.zeros((1, 0)), comm=comm
-        )
+        values = lifted(values, self.mesh)
+        if not extract_coefficients(values) and not extract_constants(values):  # of no mesh
+            values = values + fem.Constant(self.mesh, np.zeros(values.ufl_shape))
+        made = compiled(fem.Expression, comm)(values, np.zeros((1, 0)), comm=comm)
 
         def evaluate() -> Array:
             """Evaluate at all points."""
@@ -144,8 +148,18 @@ class _Copies(Replacing):
         if isinstance(o, SpatialCoordinate):
             return self._field(o, lambda: self._surface.x[:, : o.ufl_shape[0]])
         if isinstance(o, (GeometricQuantity, Derivative)):
+            self._refuse_surface(o)
             return self._field(o, None)
         return None
+
+    def _refuse_surface(self, o: Expr) -> None:
+        """Refuse what lives on facets: FFCx would give other values, without a word."""
+        if self._surface.submesh.ufl_domain() in extract_domains(o):
+            raise ContactInputError(
+                f"Contact surface '{self._surface.name}': a law or a gap contains {o}, on the "
+                "contact's submesh; normals and derivatives there are not known at its nodes. "
+                "Take those of a Function on the mesh of u, or a Function with their values."
+            )
 
     def _field(self, o: Expr, values: Callable[[], Array] | None) -> Expr:
         """Return a Function of the points that holds a terminal's nodal values."""
@@ -156,14 +170,13 @@ class _Copies(Replacing):
 
     def _vertex_values(self, f: fem.Function) -> Callable[[], Array] | None:
         """Return what reads the values of a Function at the nodes, or ``None``."""
-        n, V = self._surface.num_owned, f.function_space
-        bs = V.dofmap.index_map_bs
-        if V.mesh is self._surface.submesh and V.dofmap.index_map.size_local == n:
-            return lambda: f.x.array[: n * bs]
-        if V.mesh is self._surface.mesh and has_vertex_dofs(V):
-            dofs = self._surface.parent_dofs(V)[:n]
-            return lambda: f.x.array.reshape(-1, bs)[dofs]
-        return None
+        V, surface = f.function_space, self._surface
+        if not (is_nodal(V) if V.mesh is surface.submesh else has_vertex_dofs(V)):
+            return None
+        if V.mesh is not surface.submesh and V.mesh is not surface.mesh:
+            return None
+        dofs, bs = surface.parent_dofs(V)[: surface.num_owned], V.dofmap.index_map_bs
+        return lambda: f.x.array.reshape(-1, bs)[dofs]
 
 
 def _entries(o: Expr) -> list[Expr]:

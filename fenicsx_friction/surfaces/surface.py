@@ -3,6 +3,7 @@
 
 from mpi4py import MPI
 
+import basix
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
@@ -119,7 +120,9 @@ class ContactSurface:
         for space, dofs in self._parent_dofs:
             if space is V:
                 return dofs
-        if not has_vertex_dofs(V):
+        if V.mesh is self.submesh and is_nodal(V):
+            return self._own_dofs(V)
+        if V.mesh is not self.mesh or not has_vertex_dofs(V):
             raise ContactInputError(
                 f"Contact surface '{self.name}': the displacement space needs exactly one "
                 f"(blocked) dof at each vertex, its element {V.ufl_element()} has "
@@ -128,6 +131,12 @@ class ContactSurface:
             )
         dofs = self._find_parent_dofs(V)
         self._parent_dofs.append((V, dofs))
+        return dofs
+
+    def _own_dofs(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+        """Return the dof of a nodal space of the submesh at each local node."""
+        dofs = np.zeros(len(self.area.x.array), dtype=np.int32)
+        dofs[self.S.dofmap.list] = V.dofmap.list
         return dofs
 
     def _find_parent_dofs(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
@@ -180,8 +189,16 @@ class NodalExpression:
 
 
 def has_vertex_dofs(V: fem.FunctionSpace) -> bool:
-    """Tell whether a space has exactly one (blocked) dof at each vertex."""
-    return len(V.dofmap.dof_layout.entity_dofs(0, 0)) == 1
+    """Tell whether a space, not a part of one, has one (blocked) dof at each vertex: its value."""
+    whole = len(V.component()) == 0
+    at_vertex = len(V.dofmap.dof_layout.entity_dofs(0, 0)) == 1
+    return whole and at_vertex and V.dofmap.index_map_bs == np.prod(V.value_shape, dtype=int)
+
+
+def is_nodal(V: fem.FunctionSpace) -> bool:
+    """Tell whether a space has dofs at the vertices only."""
+    corners = len(basix.geometry(V.mesh.basix_cell()))
+    return has_vertex_dofs(V) and V.dofmap.dof_layout.num_dofs == corners
 
 
 def _accumulate(vector: la.Vector, bs: int) -> npt.NDArray[np.floating]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -21,6 +22,9 @@ from .numbering import num_owned, spread
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
+
+#: Tractions on open nodes below this fraction of the largest are rounding.
+FAINT = 1e-13
 
 
 class BoundaryEquations:
@@ -108,6 +112,21 @@ class BoundaryEquations:
             f.x.scatter_forward()
             at += num_owned(f)
         self.terms.update()
+
+    def accept(self, x: PETSc.Vec) -> None:
+        """Put a solution into the unknowns; what carries nothing carries no rounding, either.
+
+        Multipliers follow from forces. Those of prescribed directions and of open nodes are zero up
+        to the rounding of these.
+        """
+        self.follow(x)
+        for k in self._contacts:
+            c = k.c.x.array.reshape(-1, k.pairing.side.d)
+            c[k.free.x.array.reshape(c.shape) < 0.5] = 0.0
+            size = np.linalg.norm(c[: k.surface.num_owned], axis=1)
+            largest = self.comm.allreduce(float(np.max(size, initial=0.0)), MPI.MAX)
+            c[: len(size)][(k.pairing.gaps() > 0.0) & (size < FAINT * largest)] = 0.0
+            k.c.x.scatter_forward()
 
     # -- called by PETSc -------------------------------------------------------------------------
 

@@ -19,6 +19,8 @@ from scipy.sparse import csr_array
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
 
+#: The forces of a node's multipliers are regular if their determinant is more than this.
+SOLVABLE = 1e-6
 #: Below this reciprocal condition number a matrix counts as singular.
 SINGULAR = 1e-15
 
@@ -100,7 +102,8 @@ class BoundaryMatrix:
         matrix *= self._of_columns
         self._lu, self._pivots, info = lapack.dgetrf(matrix)
         norm = np.max(np.sum(abs(matrix), axis=1), initial=0.0)
-        rcond = lapack.dgecon(self._lu, norm, norm="I")[0] if info == 0 else 0.0
+        self._finite = bool(np.isfinite(norm))
+        rcond = lapack.dgecon(self._lu, norm, norm="I")[0] if info == 0 and self._finite else 0.0
         self.singular = not rcond > SINGULAR
         self._matrix = matrix if self.singular else None
 
@@ -111,6 +114,8 @@ class BoundaryMatrix:
         for step, force in zip(self._steps, forces, strict=True):
             right -= step.reactions @ force
             right[step.own.ravel()] = b[step.c].ravel() - step.times(force[:, None]).ravel()
+        if not self._finite:
+            return np.full(self._size, np.nan)
         right *= self._of_rows
         if self._matrix is None:
             found = lapack.dgetrs(self._lu, self._pivots, right)[0]
@@ -148,13 +153,16 @@ class _Eliminated:
 
 
 def _regular(part: Elements, parts: Sequence[Elements], n: int) -> npt.NDArray[np.bool_]:
-    """Tell which nodes are free, and only in this element."""
+    """Tell which nodes are free, only in this element, and loaded by all their multipliers."""
     counts = np.zeros(n, dtype=np.int64)
     for other in parts:
         q = other.split()[0]
         np.add.at(counts, q[q >= 0], 1)
     own, c = part.split()[0][:, : part.d], part.split()[1]
-    free = np.all(own >= 0, axis=1) & np.all(c >= 0, axis=1)
+    forces = part.matrices[:, : part.d, -part.d :]
+    size = np.max(abs(forces), axis=(1, 2), initial=0.0)
+    solvable = abs(np.linalg.det(forces)) > SOLVABLE * size**part.d
+    free = solvable & np.all(own >= 0, axis=1) & np.all(c >= 0, axis=1)
     return np.asarray(free & np.all(counts[np.where(own >= 0, own, 0)] == 1, axis=1))
 
 

@@ -78,7 +78,7 @@ class BoundaryNewton:
 
     def take(self, x: PETSc.Vec) -> None:
         """Put a solution into the unknowns on the boundary."""
-        self.equations.follow(x)
+        self.equations.accept(x)
 
     def residual(self, law: Law) -> PETSc.Vec:
         """Return a new vector with the residual at the present unknowns."""

@@ -21,8 +21,8 @@ from .options import DEFAULT_OPTIONS
 from .set_up import options_for, place
 from .solvers import Solvers
 
-#: Options that a user changes to have another linear solver for the whole system.
-LINEAR_SOLVER = ("ksp_type", "pc_type", "pc_factor_mat_solver_type")
+#: Options of a user that start so ask for another way to solve the whole system.
+OTHER_SOLVERS = ("ksp_", "pc_", "snes_type", "snes_mf", "snes_lag", "npc_")
 
 
 def obstacle_to_condensing(
@@ -40,8 +40,12 @@ def obstacle_to_condensing(
         return "the bulk depends on the contact"
     if any(f in extract_coefficients(k.rows.nodal) for k in contacts for f in unknowns):
         return "a friction law depends on an unknown of the bulk"
-    if any(options.get(name) != DEFAULT_OPTIONS[name] for name in LINEAR_SOLVER[:2]):
-        return "petsc_options ask for another linear solver"
+    if any(
+        name.startswith(OTHER_SOLVERS) and options[name] != DEFAULT_OPTIONS.get(name)
+        for name in options
+        if name != "pc_factor_mat_solver_type"
+    ):
+        return "petsc_options ask for another solver"
     return ""
 
 

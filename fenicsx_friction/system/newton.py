@@ -17,7 +17,7 @@ from ..base.keeping import ErrorKeeper
 from .contact_terms import ContactTerms, Law
 from .forces import ForceScales
 from .linear import forget_factor, require_solver
-from .options import DEFAULT_OPTIONS, effective, inside, set_up
+from .options import DEFAULT_OPTIONS, effective, set_up
 from .snes_callbacks import Callbacks
 
 
@@ -124,8 +124,7 @@ class Newton:
         prefix, ksp = snes.getOptionsPrefix(), snes.getKSP()
         ksp.setOptionsPrefix(prefix)  # MUMPS looks there when it makes a factor
         if (options := effective(prefix, self.options)) != self._linear_options:
-            with inside(prefix, self.options):
-                ksp.setFromOptions()
+            set_up(ksp, self.options)
             forget_factor(snes)
             self._linear_options = options
         return problem.x

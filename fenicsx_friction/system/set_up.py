@@ -16,6 +16,7 @@ from ..base.errors import ContactInputError
 from ..contact.checks import check_normals
 from ..contact.contact import Contact
 from ..contact.sides import check_sides
+from ..obstacles.motion import RigidMotion
 from .conditions import constrained
 from .equations import FurtherEquation
 
@@ -71,6 +72,15 @@ def set_up_contacts(
     held = constrained(stiffness.function_space, bcs)
     for k in contacts:
         k.hold(held)
+
+
+def claim_motions(contacts: Sequence[Contact], problem: object) -> list[RigidMotion]:
+    """Return the motions of all obstacles, each once, which belong to the problem now."""
+    found = {id(k.obstacle.motion): k.obstacle.motion for k in contacts}
+    motions = [motion for motion in found.values() if motion is not None]
+    for motion in motions:
+        motion.claim(problem)
+    return motions
 
 
 def further_equations(

@@ -44,6 +44,9 @@ class Substep:
         name, prefix: The prefix of its PETSc options is ``{prefix}{name}_``.
         solvers: The solvers of all substeps.
         rows: Returns the rows of a contact.
+
+    Attributes:
+        watch: Called with the number of each iterate, while the Functions hold it; or ``None``.
     """
 
     def __init__(
@@ -52,6 +55,7 @@ class Substep:
         self.name, self._prefix = name, f"{prefix}{name}_"
         self._solvers, self._rows, self._scales = solvers, rows, solvers.full.scales
         self._law: Law | None = None
+        self.watch: Callable[[int], None] | None = None
         self._progress, self._failure, self._spent = Progress(self._newton.measure, 0.0), "", 0
 
     @property
@@ -108,9 +112,9 @@ class Substep:
         errors.error = None
         try:
             yield
-        except PETSc.Error as error:
+        except (PETSc.Error, SystemError) as error:  # the latter: an interrupt inside petsc4py
             self._solvers.discard()
-            if (cause := errors.error or error.__context__) is not None:
+            if (cause := errors.error or error.__cause__ or error.__context__) is not None:
                 raise cause from None
             raise
         except BaseException:
@@ -211,8 +215,10 @@ class Substep:
     def _test(
         self, snes: PETSc.SNES, it: int, norms: tuple[float, float, float]
     ) -> PETSc.SNES.ConvergedReason:
-        """Keep what the test raises."""
+        """Judge an iterate, which the Functions hold; keep what is raised."""
         with self._newton.errors():
+            if self.watch is not None:
+                self.watch(it)
             return self._progress.judge(snes, it, norms[-1])
 
 

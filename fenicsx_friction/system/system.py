@@ -14,9 +14,10 @@ from dolfinx import default_scalar_type, fem, mesh
 from ..base.collective import on_all_ranks
 from ..base.compilation import compiled
 from ..base.errors import ContactInputError
-from ..base.literals import lifted
+from ..base.literals import lifted_form
 from ..certificate.certificate import Certificate, certify
 from ..certificate.nodal_state import NodalState
+from ..contact.checks import check_metric
 from ..contact.contact import Contact
 from ..surfaces.measures import share_facet_data
 from .assembly import assemble_owned, weakly
@@ -25,7 +26,7 @@ from .conditions import constrained_dofs, missed_values
 from .contact_terms import ContactTerms
 from .forces import ForceScales
 from .report import ContactReport, SubstepReport
-from .set_up import further_equations, set_up_contacts, stiffness_diagonal
+from .set_up import claim_motions, further_equations, set_up_contacts, stiffness_diagonal
 from .settings import StepSettings, settings_of
 from .substep import Substep, substeps
 from .totals import total
@@ -79,13 +80,13 @@ class ContactSystem:
         self.u_old.x.array[:] = self.u.x.array
         self.num_steps = 0
         self.monitor: Callable[[SubstepReport], None] | None = None
-        self._xi = fem.Constant(V.mesh, default_scalar_type(0.0))
-        self._eps = fem.Constant(V.mesh, default_scalar_type(0.0))
+        self._xi, self._eps = (fem.Constant(V.mesh, default_scalar_type(0.0)) for _ in range(2))
         self._ramp_sign = fem.Constant(V.mesh, default_scalar_type(self.settings.ramp_sign))
         self.dt = fem.Constant(V.mesh, default_scalar_type(1.0))
         kept = [(k, dict(vars(k))) for k in self.contacts]
         try:
             self._set_up(blocks, prefix, options, entity_maps)
+            self._motions = claim_motions(self.contacts, self)
         except BaseException:
             for part, attributes in kept:
                 vars(part).clear()
@@ -102,7 +103,7 @@ class ContactSystem:
         """Bind the contacts and make forms, scales and substeps."""
         V, surfaces = self.u.function_space, [k.surface for k in self.contacts]
         self._entity_maps = [*(entity_maps or []), *(s.entity_map for s in surfaces)]
-        blocks = [lifted(f, V.mesh) for f in share_facet_data(blocks)]
+        blocks = [lifted_form(f) for f in share_facet_data(blocks)]
         self.bulk = blocks[0]
         stiffness = stiffness_diagonal(self.bulk, self.u, self._entity_maps)
         displacements, normal = (self.u, self.u_old), self.settings.normal
@@ -218,6 +219,8 @@ class ContactSystem:
     def _certify(self) -> Certificate:
         """Certify the current values with the rounding errors measured so far."""
         states = self.nodal_states()
+        for k in self.contacts:
+            check_metric(k)
         momentum = self.assemble_momentum()
         found = self.scales.residuals(momentum, *self.assemble_others())
         equations = self.scales.equilibrium
@@ -235,15 +238,13 @@ class ContactSystem:
 
     def contact_reports(self) -> tuple[ContactReport, ...]:
         """Total the nodal values of each contact over all ranks."""
-        states = self.nodal_states()
-        return tuple(total(k, state) for k, state in zip(self.contacts, states, strict=True))
+        return tuple(map(total, self.contacts, self.nodal_states()))
 
     def commit(self) -> None:
         """Make the current values the history of the next step."""
         for k in self.contacts:
             k.commit()
-        for motion in {id(k.obstacle.motion): k.obstacle.motion for k in self.contacts}.values():
-            if motion is not None:
-                motion.commit()
+        for motion in self._motions:
+            motion.commit()
         self.u_old.x.array[:] = self.u.x.array
         self.num_steps += 1
