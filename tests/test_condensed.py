@@ -135,7 +135,9 @@ def test_a_changed_bulk_is_factored_again_or_not_believed(change, overlooked, mo
         model.problem.solve()
         change(model)
         if overlooked:
-            monkeypatch.setattr(LinearBulk, "_dependencies", lambda self: self._made_of)
+            monkeypatch.setattr(
+                LinearBulk, "_dependencies", lambda self: getattr(self, "_made_of", [])
+            )
         model.move(*BLOCK[1])
         report = model.problem.solve()
         assert report.certified

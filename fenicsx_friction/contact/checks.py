@@ -80,11 +80,17 @@ def check_friction(contact: Contact) -> None:
             f"Contact '{surface.name}': the friction limit at unit pressure (mu) must be "
             f">= 0 and finite at every contact node; it is {bad[0]} at {bad[1]}{not_finite(limit)}."
         )
-    check_metric(contact)
+    check_metrics([contact])
 
 
-def check_metric(contact: Contact) -> None:
-    """Raise a ContactInputError, on all ranks, unless a metric is symmetric and positive."""
+def check_metrics(contacts: Sequence[Contact]) -> None:
+    """Raise a ContactInputError, on all ranks, unless metrics are symmetric and positive."""
+    for contact in contacts:
+        _check_metric(contact)
+
+
+def _check_metric(contact: Contact) -> None:
+    """Check the metric of one contact."""
     metrics = contact.metrics()
     if metrics is None:
         return

@@ -78,49 +78,57 @@ class BoundaryMatrix:
         for part, regular in zip(self._parts, self._regular, strict=True):
             kept[part.split()[1][regular]] = False
         self._kept = np.flatnonzero(kept)
-        place = np.full(self._size + 1, -1)  # the last one for -1
-        place[self._kept] = np.arange(len(self._kept))
+        self._place = np.full(self._size + 1, -1)  # the last one for -1
+        self._place[self._kept] = np.arange(len(self._kept))
+        self._steps = [
+            _Eliminated(part, regular, self._place)
+            for part, regular in zip(self._parts, self._regular, strict=True)
+        ]
+        matrix = self._assembled()
+        self._finite = bool(np.all(np.isfinite(self._of_rows)))
+        # LAPACK counts by columns: the transpose needs no copy.
+        self._lu, self._pivots, info = lapack.dgetrf(matrix.T, overwrite_a=True)
+        rcond = lapack.dgecon(self._lu, 1.0)[0] if info == 0 and self._finite else 0.0
+        self.singular = not rcond > SINGULAR
+
+    def _assembled(self) -> Array:
+        """Return the matrix of what remains, rows and columns of about unit length."""
         matrix = np.zeros((len(self._kept),) * 2)
         matrix[: self._n, : self._n] = self._schur
-        self._steps = []
-        for part, regular in zip(self._parts, self._regular, strict=True):
-            _scatter(matrix, place[part.columns[~regular]], part.matrices[~regular])
-            q = part.split()[0][regular]
-            _scatter(matrix, place[q], part.matrices[regular][:, : -part.d, : -part.d])
-        for part, regular in zip(self._parts, self._regular, strict=True):
-            self._steps.append(_Eliminated(part, regular, place, len(self._kept)))
-        self._balance = [matrix[step.own.ravel()].copy() for step in self._steps]
+        for part, regular, step in zip(self._parts, self._regular, self._steps, strict=True):
+            special = self._place[part.columns[~regular]]
+            _scatter(matrix, special, special, part.matrices[~regular])
+            _scatter(matrix, step.q, step.q, part.matrices[regular][:, : -part.d, : -part.d])
+        self._balance = [matrix[step.own.ravel()] for step in self._steps]
         for step, balance in zip(self._steps, self._balance, strict=True):
-            if step.reactions.nnz:
-                matrix -= step.reactions @ balance
-            rows = step.rows_of_q.toarray() - step.times(balance)
-            matrix[step.own.ravel()] = rows
+            if step.others.size:
+                matrix -= step.reactions(len(matrix)) @ balance
+            matrix[step.own.ravel()] = -step.times(balance)
+            _scatter(matrix, step.own, step.q, step.slopes_of_q)
         # Displacements and multipliers have different units.
-        self._of_rows = _inverse(np.max(abs(matrix), axis=1, initial=0.0))
+        self._of_rows = _inverse(np.sqrt(np.einsum("ij,ij->i", matrix, matrix)))
         matrix *= self._of_rows[:, None]
-        self._of_columns = _inverse(np.max(abs(matrix), axis=0, initial=0.0))
-        matrix *= self._of_columns
-        self._lu, self._pivots, info = lapack.dgetrf(matrix)
-        norm = np.max(np.sum(abs(matrix), axis=1), initial=0.0)
-        self._finite = bool(np.isfinite(norm))
-        rcond = lapack.dgecon(self._lu, norm, norm="I")[0] if info == 0 and self._finite else 0.0
-        self.singular = not rcond > SINGULAR
-        self._matrix = matrix if self.singular else None
+        self._of_columns = np.ones(len(matrix))
+        special = matrix[:, self._n :]
+        self._of_columns[self._n :] = _inverse(np.max(abs(special), axis=0, initial=0.0))
+        special *= self._of_columns[self._n :]
+        return matrix
 
     def solve(self, b: Array) -> Array:
         """Solve; a consistent singular system has the solution of least squares."""
-        right = b[self._kept].copy()
-        forces = [right[step.own.ravel()].copy() for step in self._steps]
-        for step, force in zip(self._steps, forces, strict=True):
-            right -= step.reactions @ force
-            right[step.own.ravel()] = b[step.c].ravel() - step.times(force[:, None]).ravel()
         if not self._finite:
             return np.full(self._size, np.nan)
+        right = b[self._kept]
+        forces = [right[step.own.ravel()] for step in self._steps]
+        for step, force in zip(self._steps, forces, strict=True):
+            if step.others.size:
+                right -= step.reactions(len(right)) @ force
+            right[step.own.ravel()] = b[step.c].ravel() - step.times(force[:, None]).ravel()
         right *= self._of_rows
-        if self._matrix is None:
-            found = lapack.dgetrs(self._lu, self._pivots, right)[0]
+        if self.singular:
+            found = lstsq(self._assembled(), right, lapack_driver="gelsy")[0]
         else:
-            found = lstsq(self._matrix, right, lapack_driver="gelsy")[0]
+            found = lapack.dgetrs(self._lu, self._pivots, right, trans=1)[0]
         found = found * self._of_columns
         x = np.zeros(self._size)
         x[self._kept] = found
@@ -133,23 +141,28 @@ class BoundaryMatrix:
 class _Eliminated:
     """The multipliers of a contact's regular nodes, eliminated by the forces on their own dofs."""
 
-    def __init__(
-        self, part: Elements, regular: npt.NDArray[np.bool_], place: Indices, size: int
-    ) -> None:
+    def __init__(self, part: Elements, regular: npt.NDArray[np.bool_], place: Indices) -> None:
         d, columns, matrices = part.d, part.columns[regular], part.matrices[regular]
-        q = place[columns[:, :-d]]
-        self.own, self.c = q[:, :d], columns[:, -d:]
+        self.q, self.c = place[columns[:, :-d]], columns[:, -d:]
+        self.own, self.others = self.q[:, :d], self.q[:, d:]
         self.inverse = np.linalg.inv(matrices[:, :d, -d:])
+        self.slopes_of_q = matrices[:, -d:, :-d]
         self._slopes = matrices[:, -d:, -d:] @ self.inverse
-        own = np.arange(self.own.size).reshape(self.own.shape)
-        self.rows_of_q = _sparse(own, q, matrices[:, -d:, :-d], (self.own.size, size))
-        others, forces = q[:, d:], matrices[:, d:-d, -d:] @ self.inverse
-        self.reactions = _sparse(others, own, forces, (size, self.own.size))
+        self._forces = matrices[:, d:-d, -d:] @ self.inverse
 
     def times(self, rows: Array) -> Array:
         """Multiply rows of the balance of forces by what multipliers do in the rows of the law."""
         n, d = self.own.shape
         return np.asarray((self._slopes @ rows.reshape(n, d, rows.shape[1])).reshape(rows.shape))
+
+    def reactions(self, size: int) -> csr_array:
+        """Return what a force on each own dof does to the forces on the others."""
+        own = np.arange(self.own.size).reshape(self.own.shape)
+        i = np.broadcast_to(self.others[:, :, None], self._forces.shape)
+        j = np.broadcast_to(own[:, None, :], self._forces.shape)
+        there = i >= 0
+        shape = (size, self.own.size)
+        return csr_array((self._forces[there], (i[there], j[there])), shape=shape)
 
 
 def _regular(part: Elements, parts: Sequence[Elements], n: int) -> npt.NDArray[np.bool_]:
@@ -166,22 +179,14 @@ def _regular(part: Elements, parts: Sequence[Elements], n: int) -> npt.NDArray[n
     return np.asarray(free & np.all(counts[np.where(own >= 0, own, 0)] == 1, axis=1))
 
 
-def _scatter(matrix: Array, columns: Indices, blocks: Array) -> None:
-    """Add blocks to a dense matrix; unknowns -1 are left out."""
-    rows = np.broadcast_to(columns[:, :, None], blocks.shape)
-    cols = np.broadcast_to(columns[:, None, :], blocks.shape)
-    there = (rows >= 0) & (cols >= 0)
-    np.add.at(matrix, (rows[there], cols[there]), blocks[there])
-
-
-def _sparse(rows: Indices, cols: Indices, blocks: Array, shape: tuple[int, int]) -> csr_array:
-    """Return a sparse matrix of blocks; rows and columns -1 are left out."""
+def _scatter(matrix: Array, rows: Indices, columns: Indices, blocks: Array) -> None:
+    """Add blocks to a dense matrix; rows and columns -1 are left out."""
     i = np.broadcast_to(rows[:, :, None], blocks.shape)
-    j = np.broadcast_to(cols[:, None, :], blocks.shape)
-    there = (i >= 0) & (j >= 0)
-    return csr_array((blocks[there], (i[there], j[there])), shape=shape)
+    j = np.broadcast_to(columns[:, None, :], blocks.shape)
+    there = (i >= 0) & (j >= 0) & (blocks != 0.0)
+    np.add.at(matrix, (i[there], j[there]), blocks[there])
 
 
-def _inverse(values: Array) -> Array:
+def _inverse(sizes: Array) -> Array:
     """Return the inverse of sizes; one of zero."""
-    return np.where((values > 0.0) & (values < np.inf), 1.0 / np.maximum(values, 1e-300), 1.0)
+    return np.divide(1.0, sizes, out=np.ones_like(sizes), where=sizes != 0.0)

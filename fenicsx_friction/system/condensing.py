@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+from petsc4py import PETSc
+
 import ufl
 from dolfinx import fem, mesh
 from ufl.algorithms import expand_derivatives, extract_coefficients
@@ -60,6 +62,7 @@ def solvers_of(
     scales: ForceScales,
     terms: ContactTerms,
     residuals: Callable[[], Sequence[Array]],
+    tangent: PETSc.Mat,
 ) -> Solvers:
     """Return the solvers of a problem; collective.
 
@@ -74,14 +77,18 @@ def solvers_of(
         scales: Measures residuals.
         terms: How contact enters the equations.
         residuals: Returns the rows of the residuals at the owned dofs, without contact.
+        tangent: Stiffness of the displacement; is used or destroyed.
     """
     options = {**DEFAULT_OPTIONS, **options_for(contacts, options)}
     state = [*unknowns, *(k.c for k in contacts)]
     forms = [*blocks, *(place(k) for k in contacts)]
     full = Newton(forms, state, bcs, prefix, options, entity_maps, scales, terms)
-    if reason := obstacle_to_condensing(blocks, unknowns, contacts, options):
+    reason = obstacle_to_condensing(blocks, unknowns, contacts, options)
+    if reason or len(unknowns) > 1:
+        tangent.destroy()
+    if reason:
         return Solvers(full, None, reason)
-    settings = (f"{prefix}bulk_", options)
+    settings = (f"{prefix}bulk_", options, tangent if len(unknowns) == 1 else None)
     bulk = LinearBulk(blocks, unknowns, bcs, entity_maps, contacts, residuals, *settings)
     equations = BoundaryEquations(bulk, state, contacts, bcs)
     return Solvers(full, BoundaryNewton(equations, state, options, scales))

@@ -27,7 +27,7 @@ from ..base.schur import FactorFailed, InnerFactor, inner_factor
 from ..contact.contact import Contact
 from .conditions import constrained_dofs, with_conditions
 from .linear import MORE_WORKSPACE, WORKSPACE
-from .numbering import global_dofs, num_owned
+from .numbering import contact_dofs, global_dofs, num_owned
 from .options import inside
 
 Array = npt.NDArray[np.floating]
@@ -49,6 +49,7 @@ class LinearBulk:
         residuals: Returns the rows of the residuals at the owned dofs, without contact.
         prefix: Prefix of the PETSc options of the factor.
         options: PETSc options.
+        matrix: The tangent as it is now, without conditions, if it is at hand.
 
     Attributes:
         dofs: The owned free dofs of the displacement at nodes that contact may load.
@@ -67,20 +68,22 @@ class LinearBulk:
         residuals: Callable[[], Sequence[Array]],
         prefix: str,
         options: Mapping[str, object],
+        matrix: PETSc.Mat | None = None,
     ) -> None:
         self._unknowns, self._bcs, self._residuals = list(unknowns), list(bcs), residuals
         V = unknowns[0].function_space
         self._prefix, self._options = prefix, options
         self._comm, self._maps = V.mesh.comm, list(entity_maps)
         self._tangent = jacobian_blocks(blocks, unknowns)
-        self.dofs = np.setdiff1d(_contact_dofs(contacts, V), constrained_dofs(V, bcs))
+        self.dofs = np.setdiff1d(contact_dofs(contacts, V), constrained_dofs(V, bcs))
         rows = global_dofs([f.function_space for f in unknowns])  # the displacement's come first
         self._counts = np.array(self._comm.allgather(len(self.dofs)))
         self._chosen = gather_rows(self._comm, rows[0][self.dofs], self._counts)
         self._factor: InnerFactor | None = None
         self._matrix: PETSc.Mat | None = None
         self._forms: Any = None
-        self._made_of: list[Array] = []
+        self._offered = matrix
+        self._made_of = [a.copy() for a in self._dependencies()]
         self.factorisations = 0
 
     @property
@@ -105,11 +108,11 @@ class LinearBulk:
             FactorFailed: On all ranks.
         """
         now = self._dependencies()
-        same = len(now) == len(self._made_of) and all(map(np.array_equal, now, self._made_of))
-        if not any_rank(self._comm, self._factor is None or not same):
+        changed = not all(map(np.array_equal, now, self._made_of))
+        changed = any_rank(self._comm, changed)
+        if self._factor is not None and not changed:
             return
-        self.discard()
-        self._matrix = self._assemble()
+        self._matrix = self._assemble(changed)
         try:
             self._factor = self._factored(self._options)
         except FactorFailed as error:
@@ -128,10 +131,10 @@ class LinearBulk:
 
     def discard(self) -> None:
         """Forget matrix and factor."""
-        for part in (self._matrix, self._factor):
+        for part in (self._matrix, self._factor, self._offered):
             if part is not None:
                 part.destroy()
-        self._matrix = self._factor = None
+        self._matrix = self._factor = self._offered = None
 
     def enter(self) -> None:
         """Give the unknowns their prescribed values."""
@@ -194,8 +197,24 @@ class LinearBulk:
             *held,
         ]
 
-    def _assemble(self) -> PETSc.Mat:
-        """Assemble the matrix; prescribed dofs have rows and columns of the identity."""
+    def _assemble(self, changed: bool) -> PETSc.Mat:
+        """Return the matrix; prescribed dofs have rows and columns of the identity."""
+        matrix = self._offered
+        if matrix is not None and not changed:
+            self._offered = None
+            first = matrix.getOwnershipRange()[0]
+            matrix.zeroRowsColumns((first + self._held()).astype(PETSc.IntType), diag=1.0)
+        else:
+            self.discard()
+            matrix = self._assemble_anew()
+        diagonal = matrix.getDiagonal()
+        self._set_held(diagonal.array)
+        matrix.setDiagonal(diagonal)
+        diagonal.destroy()
+        return matrix
+
+    def _assemble_anew(self) -> PETSc.Mat:
+        """Assemble the matrix from the user's forms."""
         if self._forms is None:
             self._forms = compiled(fem.form, self._comm)(self._tangent, entity_maps=self._maps)
         if len(self._unknowns) == 1:
@@ -203,10 +222,6 @@ class LinearBulk:
         else:
             matrix = assemble_matrix(self._forms, bcs=self._bcs, kind="mpi")
         matrix.assemble()
-        diagonal = matrix.getDiagonal()
-        self._set_held(diagonal.array)
-        matrix.setDiagonal(diagonal)
-        diagonal.destroy()
         return matrix
 
     def _set_held(self, diagonal: Array) -> None:
@@ -228,11 +243,3 @@ class LinearBulk:
             found.append(at + dofs[dofs < num_owned(f)])
             at += num_owned(f)
         return np.concatenate(found)
-
-
-def _contact_dofs(contacts: Sequence[Contact], V: fem.FunctionSpace) -> Indices:
-    """Return the owned dofs of the displacement at the nodes of all surfaces, ascending."""
-    nodes = [k.parent_dofs[: k.surface.num_owned] for k in contacts]
-    nodes += [k.pairing.partners(V) for k in contacts]
-    blocks, d = np.unique(np.concatenate(nodes)).astype(np.int64), V.dofmap.index_map_bs
-    return (d * blocks[:, None] + np.arange(d)).ravel()

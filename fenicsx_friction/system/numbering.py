@@ -7,6 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from ..contact.contact import Contact
+
 Indices = npt.NDArray[np.int64]
 
 
@@ -33,3 +35,11 @@ def spread(V: fem.FunctionSpace, owned: Indices, first: int) -> Indices:
 def num_owned(f: fem.Function) -> int:
     """Return the number of owned dofs of a Function."""
     return int(f.function_space.dofmap.index_map.size_local * f.function_space.dofmap.index_map_bs)
+
+
+def contact_dofs(contacts: Sequence[Contact], V: fem.FunctionSpace) -> Indices:
+    """Return the owned dofs of the displacement at the nodes of all surfaces, ascending."""
+    nodes = [k.parent_dofs[: k.surface.num_owned] for k in contacts]
+    nodes += [k.pairing.partners(V) for k in contacts]
+    blocks, d = np.unique(np.concatenate(nodes)).astype(np.int64), V.dofmap.index_map_bs
+    return (d * blocks[:, None] + np.arange(d)).ravel()

@@ -4,6 +4,7 @@
 from collections.abc import Mapping, Sequence
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import ufl
@@ -21,10 +22,10 @@ from .conditions import constrained
 from .equations import FurtherEquation
 
 
-def stiffness_diagonal(
+def stiffness_of(
     bulk: ufl.Form, u: fem.Function, entity_maps: Sequence[mesh.EntityMap]
-) -> fem.Function:
-    """Return the diagonal of the bulk stiffness (N/m); collective."""
+) -> tuple[fem.Function, PETSc.Mat]:
+    """Return the diagonal of the bulk stiffness (N/m), and the stiffness itself; collective."""
     comm = u.function_space.mesh.comm
     tangent = compiled(fem.form, comm)(ufl.derivative(bulk, u), entity_maps=list(entity_maps))
     matrix = assemble_matrix(tangent)
@@ -32,8 +33,7 @@ def stiffness_diagonal(
     diagonal = fem.Function(u.function_space)
     diagonal.x.array[: matrix.getLocalSize()[0]] = matrix.getDiagonal().array
     diagonal.x.scatter_forward()
-    matrix.destroy()
-    return diagonal
+    return diagonal, matrix
 
 
 def set_up_contacts(

@@ -49,9 +49,13 @@ class Solvers:
             raise ContactInputError(
                 f"settings.solver = 'condensed': {self._reason}; take 'auto' or 'full'."
             )
-        if self._boundary is None or how == "full":
+        if self._boundary is None:
             return False
-        return how == "condensed" or self._boundary.equations.bulk.size <= MOST_DOFS
+        bulk = self._boundary.equations.bulk
+        if how == "condensed" or (how == "auto" and bulk.size <= MOST_DOFS):
+            return True
+        bulk.discard()
+        return False
 
     @property
     def factorisations(self) -> int:

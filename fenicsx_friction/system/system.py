@@ -17,7 +17,7 @@ from ..base.errors import ContactInputError
 from ..base.literals import lifted_form
 from ..certificate.certificate import Certificate, certify
 from ..certificate.nodal_state import NodalState
-from ..contact.checks import check_metric
+from ..contact.checks import check_metrics
 from ..contact.contact import Contact
 from ..surfaces.measures import share_facet_data
 from .assembly import assemble_owned, weakly
@@ -25,8 +25,9 @@ from .condensing import solvers_of
 from .conditions import constrained_dofs, missed_values
 from .contact_terms import ContactTerms
 from .forces import ForceScales
+from .numbering import num_owned
 from .report import ContactReport, SubstepReport
-from .set_up import claim_motions, further_equations, set_up_contacts, stiffness_diagonal
+from .set_up import claim_motions, further_equations, set_up_contacts, stiffness_of
 from .settings import StepSettings, settings_of
 from .substep import Substep, substeps
 from .totals import total
@@ -105,7 +106,7 @@ class ContactSystem:
         self._entity_maps = [*(entity_maps or []), *(s.entity_map for s in surfaces)]
         blocks = [lifted_form(f) for f in share_facet_data(blocks)]
         self.bulk = blocks[0]
-        stiffness = stiffness_diagonal(self.bulk, self.u, self._entity_maps)
+        stiffness, tangent = stiffness_of(self.bulk, self.u, self._entity_maps)
         displacements, normal = (self.u, self.u_old), self.settings.normal
         set_up_contacts(self.contacts, displacements, self.dt, normal, self.bcs, stiffness)
         self._bulk_form, *self._other_forms = (
@@ -114,8 +115,7 @@ class ContactSystem:
         self.constrained_dofs = constrained_dofs(V, self.bcs)
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
         self.terms = ContactTerms(self.contacts, self.state, self.bcs)
-        owned = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
-        diagonal = stiffness.x.array[:owned].copy()
+        diagonal = stiffness.x.array[: num_owned(stiffness)].copy()
         arguments = (self.unknowns, self.bcs, stiffness, self._entity_maps)
         self.scales = ForceScales(
             self.unknowns,
@@ -138,9 +138,10 @@ class ContactSystem:
             self.scales,
             self.terms,
             weakly(self, lambda there: [there.assemble_bulk(), *there.assemble_others()]),
+            tangent,
         )
-        numbers = (self._eps, self._xi, self._ramp_sign)
-        self.stick, self.slip, self.projection = substeps(prefix, self.solvers, *numbers)
+        parts = (prefix, self.solvers, self._eps, self._xi, self._ramp_sign)
+        self.stick, self.slip, self.projection = substeps(*parts)
 
     @property
     def settings(self) -> StepSettings:
@@ -219,8 +220,7 @@ class ContactSystem:
     def _certify(self) -> Certificate:
         """Certify the current values with the rounding errors measured so far."""
         states = self.nodal_states()
-        for k in self.contacts:
-            check_metric(k)
+        check_metrics(self.contacts)
         momentum = self.assemble_momentum()
         found = self.scales.residuals(momentum, *self.assemble_others())
         equations = self.scales.equilibrium
