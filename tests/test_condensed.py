@@ -50,9 +50,8 @@ def compare(make, path, tolerance=1e-9):
 # -- the same result ---------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("mu", [0.0, 0.3, 1.0, 5.0])
-@pytest.mark.parametrize("corrector", ["projection", "ramp"])
+@pytest.mark.parametrize("corrector", [pytest.param("projection", marks=pytest.mark.mpi), "ramp"])
 def test_rectangle(mu, corrector):
     """The bulk would fall without its contact."""
     reports = compare(lambda p: raous(8, 8, mu, p, corrector=corrector), RAOUS)

@@ -188,8 +188,7 @@ ROUND = {
 }
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize("name", ROUND)
+@pytest.mark.parametrize("name", ["cylinder", pytest.param("sphere", marks=pytest.mark.mpi)])
 def test_sliding_far_round_an_obstacle_with_frames_chosen_anew(name):
     """By 150 degrees; the same as with turned coordinates, where other axes make the frames."""
     skew = Rotation.from_euler("xyz", [40.0, -25.0, 60.0], degrees=True).as_matrix()

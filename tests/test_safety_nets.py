@@ -32,9 +32,14 @@ def always_stick(s, c_t, limit, r, eps):
     return r * s
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
-    "broken", [flipped_sign, without_friction, too_much_friction, always_stick]
+    "broken",
+    [
+        pytest.param(flipped_sign, marks=pytest.mark.mpi),
+        without_friction,
+        too_much_friction,
+        always_stick,
+    ],
 )
 def test_wrong_friction_rows_are_refused(broken, monkeypatch):
     monkeypatch.setattr(rows, "projection_row", broken)

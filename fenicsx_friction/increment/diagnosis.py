@@ -44,7 +44,8 @@ def explain_not_finite(system: ContactSystem, forces: float) -> str:
     laws = system.projection.law.kernels
     for k, law in zip(system.contacts, laws, strict=True):
         values = [law.values(), *law.derivatives()]
-        bad = np.any([~np.isfinite(v).reshape(len(v), -1).all(axis=1) for v in values], axis=0)
+        finite = [np.isfinite(v).all(axis=tuple(range(1, v.ndim))) for v in values]
+        bad = ~np.all(finite, axis=0)
         nodes = [describe(k.surface, i) for i in np.flatnonzero(bad)[:1]]
         if first := list(chain.from_iterable(system.comm.allgather(nodes))):
             return (
