@@ -50,12 +50,13 @@ def reached(model, move):
     return np.array(report.contacts[0].force)
 
 
-@pytest.mark.parametrize("kind", ["rigid", "deformable"])
+@pytest.mark.parametrize("kind", ["rigid", "condensed", "deformable"])
 def test_interrupts_at_random_times_change_nothing(kind):
     def make(prefix):
-        if kind == "rigid":
-            return block("hexahedron", 0.3, prefix, n=(6, 5, 3), energy="finite")
-        return stack(0.4, prefix)
+        if kind == "deformable":
+            return stack(0.4, prefix)
+        energy = {"rigid": "finite", "condensed": "small"}[kind]
+        return block("hexahedron", 0.3, prefix, n=(6, 5, 3), energy=energy)
 
     first, second = (0.0, 0.0, -0.01), (0.01, 0.004, -0.01)
     reference = make(f"undisturbed_{kind}_")
