@@ -77,11 +77,13 @@ def collect_garbage(request: pytest.FixtureRequest) -> Iterator[None]:
     """Run collective destructors on all ranks together, after every test.
 
     A test that failed on one rank only leaves the others waiting for it inside the test:
-    the rank that failed ends the run then.
+    the rank that failed ends the run then. What has survived a collection is left out of the next
+    ones: modules and UFL's caches are large, and would be searched again after every test.
     """
     yield
     _wait_for_all_ranks(request.node, request.config.pluginmanager.get_plugin("capturemanager"))
     gc.collect()
+    gc.freeze()
     PETSc.garbage_cleanup(MPI.COMM_WORLD)
 
 
