@@ -2,17 +2,22 @@
 
 from dataclasses import replace
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
+import basix.ufl
 import numpy as np
 import pytest
 import ufl
+from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from bodies import stack
 from fenicsx_friction.base import schur
+from fenicsx_friction.system.boundary_matrix import BoundaryMatrix
+from fenicsx_friction.system.contact_terms import ContactTerms
 from fenicsx_friction.system.linear_bulk import LinearBulk
-from models import Raous, block, raous, with_contact
+from models import Raous, block, raous, tagged_facets, with_contact
 
 BLOCK = [(0.0, 0.0, -0.01), (0.004, 0.002, -0.01), (-0.004, 0.001, -0.012), (0.0, 0.0, 0.01)]
 STACK = [(0.0, 0.0, -0.01), (0.01, 0.005, -0.012), (0.0, 0.0, -0.01)]
@@ -212,3 +217,128 @@ def test_a_bulk_that_contact_heats_is_solved_as_a_whole():
     )
     model.load(1.0, 1.0)
     assert problem.solve().solver == "full"
+
+
+# -- what an attack found ----------------------------------------------------------------------
+
+
+def test_a_held_body_that_moves_is_met():
+    """Its nodes get their values before the solve; the state is then not its own solution."""
+
+    def make(prefix):
+        def warp(x):
+            x = x.copy()
+            base = x[1] <= 1.0 + 1e-9
+            x[1] += np.where(base, np.where(x[0] < -0.4, 0.12, 0.0) * x[1], 0.05)
+            return x
+
+        model = stack(
+            0.3,
+            f"{prefix}first_",
+            cell="quadrilateral",
+            upper=(4, 2),
+            lower=(12, 2),
+            top=((0.0, 1.0), (1.0, 2.0)),
+            base=((-2.0, 0.0), (2.0, 1.0)),
+            energy="small",
+            warp=warp,
+        )
+        V = model.problem.u.function_space
+        cells = np.arange(V.mesh.topology.index_map(2).size_local, dtype=np.int32)
+        low = mesh.compute_midpoints(V.mesh, 2, cells)[:, 1] < 1.02
+        V.mesh.topology.create_connectivity(2, 2)
+        base = fem.locate_dofs_topological(V, 2, cells[low | (cells < 24)])
+        contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.3))
+        bcs = [fem.dirichletbc(model.bottom, base), model.problem.bcs[0]]
+        return model, with_contact(model, contact, prefix, bcs=bcs)
+
+    forces = []
+    for solver in ("auto", "full"):
+        model, problem = make(f"bump_{solver}_")
+        problem.settings = ff.StepSettings(solver=solver)
+        assert problem.solve().contacts[0].force == (0.0, 0.0)
+        model.bottom.x.array[::2] = 0.6
+        report = problem.solve()
+        assert report.certified and report.solver == {"auto": "condensed"}.get(solver, solver)
+        forces.append(report.contacts[0].force)
+    assert forces[0] == pytest.approx(forces[1], rel=1e-9)
+    assert forces[0][1] > 1.0
+
+
+@pytest.mark.parametrize("where", ["residuals", "matrices", "solve"])
+def test_after_an_interrupt_in_any_callback_steps_go_on(where, monkeypatch):
+    """PETSc leaves vectors locked."""
+    owner = BoundaryMatrix if where == "solve" else ContactTerms
+    original, calls = getattr(owner, where), [0]
+
+    def once(*arguments):
+        calls[0] += 1
+        if calls[0] == 2:
+            raise KeyboardInterrupt
+        return original(*arguments)
+
+    model = block("hexahedron", 0.3, f"locked_{where}_")
+    model.move(*BLOCK[0])
+    model.problem.solve()
+    model.move(*BLOCK[1])
+    monkeypatch.setattr(owner, where, once)
+    with pytest.raises(KeyboardInterrupt):
+        model.problem.solve()
+    report = model.problem.solve()
+    assert report.certified and report.solver == "condensed"
+
+
+@pytest.mark.mpi
+def test_incompressible_without_a_diagonal():
+    """MINI and a pressure: the condensed matrix has rows without a diagonal entry."""
+    forces = [incompressible(solver) for solver in ("condensed", "full")]
+    assert forces[0] == pytest.approx(forces[1], rel=1e-9, abs=1e-9)
+    assert forces[0][1] > 0.1
+
+
+def incompressible(solver):
+    """Return the force on a pressed block."""
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 4, 4)
+    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0), lambda x: np.isclose(x[1], 1))
+    P1, bubble = (basix.ufl.element(n, "triangle", k) for n, k in (("Lagrange", 1), ("Bubble", 3)))
+    mini = basix.ufl.blocked_element(basix.ufl.enriched_element([P1, bubble]), shape=(2,))
+    V, Q = fem.functionspace(msh, mini), fem.functionspace(msh, ("Lagrange", 1))
+    u, p, v, w = fem.Function(V), fem.Function(Q), ufl.TestFunction(V), ufl.TestFunction(Q)
+    strain = ufl.sym(ufl.grad(u))
+    momentum = (100.0 * ufl.inner(strain, ufl.grad(v)) - p * ufl.div(v)) * ufl.dx
+    top, held = fem.Function(V), fem.locate_dofs_topological(V, 1, tags.find(2))
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1), ff.RigidPlane((0, 0), (0, 1)), ff.Coulomb(0.4)
+    )
+    problem = ff.FrictionalContactProblem(
+        [momentum, -ufl.div(u) * w * ufl.dx],
+        [u, p],
+        contact=contact,
+        bcs=[fem.dirichletbc(top, held)],
+        petsc_options_prefix=f"stokes_{solver}_",
+        settings=ff.StepSettings(solver=solver),
+    )
+    top.x.array[1::2] = -0.01
+    report = problem.solve()
+    assert report.certified and report.solver == solver
+    divergence = fem.assemble_scalar(fem.form(ufl.div(u) * ufl.dx))
+    assert msh.comm.allreduce(divergence) == pytest.approx(0.0, abs=1e-12)
+    return report.contacts[0].force
+
+
+@pytest.mark.mpi
+def test_all_dofs_of_contact_are_prescribed():
+    reports = []
+    for solver in ("condensed", "full"):
+        model = block("hexahedron", 0.3, f"all_{solver}_", solver=solver)
+        V = model.problem.u.function_space
+        bottom = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[2], 0.0))
+        bcs = [*model.problem.bcs, fem.dirichletbc(fem.Function(V), bottom)]
+        contact = ff.Contact(model.contact.surface, model.contact.obstacle, ff.Coulomb(0.3))
+        problem = with_contact(
+            model, contact, f"held_{solver}_", bcs=bcs, settings=ff.StepSettings(solver=solver)
+        )
+        model.move(0.0, 0.0, 0.01)
+        reports.append(problem.solve())
+    assert [r.solver for r in reports] == ["condensed", "full"]
+    assert all(r.certified and r.contacts[0].force == (0.0, 0.0, 0.0) for r in reports)

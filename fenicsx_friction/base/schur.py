@@ -77,7 +77,7 @@ def inner_factor(K: PETSc.Mat, chosen: Indices, package: str, prefix: str) -> In
         FactorFailed: On all ranks.
     """
     symmetric = K.isSymmetric(ASYMMETRY * K.norm(PETSc.NormType.INFINITY))
-    if K.comm.size == 1 and package == "mumps" and _petsc() is not None:
+    if K.comm.size == 1 and package == "mumps" and len(chosen) and _petsc() is not None:
         return _WithSchur(K, chosen, symmetric, prefix)
     return _ByBackSolves(K, chosen, package, symmetric, prefix)
 

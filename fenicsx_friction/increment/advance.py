@@ -14,6 +14,8 @@ from dolfinx import fem
 from ..base.errors import ContactInputError, StepFailed
 from ..base.log import tell
 from ..contact.checks import check_friction, check_normals
+from ..system.conditions import missed_values
+from ..system.forces import MISSED
 from ..system.report import StepReport, SubstepReport
 from ..system.system import ContactSystem
 from . import snapshot
@@ -50,14 +52,18 @@ def _advance(system: ContactSystem) -> StepReport:
         if condensed and distrusted:
             continue
         snapshot.restore(changed, start)
+        if attempt is not None:
+            _close(system, again=bool(substeps))
+        elif missed_values(system.unknowns, system.bcs) > MISSED:
+            continue  # the state is not its own solution
         with system.solvers.use(condensed=condensed):
             if attempt is not None:
-                substeps += _solve(system, attempt, forces, again=bool(substeps))
+                substeps += _solve(system, attempt, forces)
             elif not system.projection.is_solved(newton_tolerance(system)):
                 continue  # else contact did not change and the state is its own solution
         if condensed:
             system.solvers.recover()
-        report, crossed = _judge(system, substeps, made)
+        report, crossed = _judge(system, substeps, made, condensed=condensed)
         if report.certificate.solved:
             system.commit()
             _tell(system, report)
@@ -141,14 +147,16 @@ def _begin(system: ContactSystem) -> tuple[list[fem.Function], snapshot.Snapshot
     return changed, start
 
 
-def _solve(
-    system: ContactSystem, attempt: Attempt, forces: float, *, again: bool
-) -> list[SubstepReport]:
-    """Solve in one way, follow what the nodes meet; ``again`` after another attempt."""
+def _close(system: ContactSystem, *, again: bool) -> None:
+    """Close what touches, before conditions move anything; ``again`` after another attempt."""
     for k in system.contacts:
         if again:  # an attempt before has changed the pairs
             k.anchor()
         k.close_touching()
+
+
+def _solve(system: ContactSystem, attempt: Attempt, forces: float) -> list[SubstepReport]:
+    """Solve in one way and follow what the nodes meet."""
     with _scaled(system, attempt.r_factor):
         substeps = correct(system, attempt, forces)
         if substeps[-1].converged:
@@ -157,7 +165,7 @@ def _solve(
 
 
 def _judge(
-    system: ContactSystem, substeps: list[SubstepReport], made: int
+    system: ContactSystem, substeps: list[SubstepReport], made: int, *, condensed: bool
 ) -> tuple[StepReport, list[str]]:
     """Certify a state; name the nodes that went through an obstacle on the way to it."""
     certificate = system.certify()
@@ -169,6 +177,7 @@ def _judge(
         system.contact_reports(),
         replace(certificate, crossed=len(crossed)),
         system.solvers.factorisations - made,
+        "condensed" if condensed else "full",
     )
     return report, crossed
 

@@ -144,7 +144,7 @@ class ContactSurface:
         topology, tdim = self.mesh.topology, self.mesh.topology.dim
         topology.create_connectivity(0, tdim)
         vertex_cells, cells = topology.connectivity(0, tdim), topology.connectivity(tdim, 0)
-        corners = cells.array.reshape(cells.num_nodes, -1)
+        corners = cells.array.reshape(-1, len(basix.geometry(self.mesh.basix_cell())))
         facets = self.submesh.topology.connectivity(tdim - 1, 0)
         shape = self.S.dofmap.list.shape
         number = int(facets.array.max(initial=-1)) + 1

@@ -48,8 +48,7 @@ class BoundaryNewton:
         self.measure = scales.boundary(equations.bulk.dofs, equations.own)
         self.comm, self.errors = equations.comm, equations.errors
         self.options = {k: v for k, v in options.items() if k.startswith("snes_")}
-        self._solvers: dict[str, PETSc.SNES] = {}
-        self._x, self._b = equations.vector(), equations.vector()
+        self.discard()
 
     def solver(self, prefix: str, test: Callable[..., object]) -> PETSc.SNES:
         """Return the nonlinear solver of a substep, see ``Newton.solver``."""
@@ -89,5 +88,6 @@ class BoundaryNewton:
         return b
 
     def discard(self) -> None:
-        """Forget the solvers."""
-        self._solvers = {}
+        """Forget the solvers and the vectors, which PETSc may have left locked."""
+        self._solvers: dict[str, PETSc.SNES] = {}
+        self._x, self._b = self.equations.vector(), self.equations.vector()

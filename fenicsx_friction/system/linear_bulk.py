@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """A bulk that is linear in its unknowns: factored once, condensed to the dofs of contact.
 
-The factor lives as long as all that its matrix depends on: fields and Constants in the tangent, the
-mesh, the set of prescribed dofs. This is compared, value by value, at the start of each step.
+The factor lives as long as all that its matrix depends on: fields and Constants in the tangent, and
+the mesh. This is compared, value by value, at the start of each step.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ..base.schur import FactorFailed, InnerFactor, inner_factor
 from ..contact.contact import Contact
 from .conditions import constrained_dofs, with_conditions
 from .linear import MORE_WORKSPACE, WORKSPACE
-from .numbering import contact_dofs, global_dofs, num_owned
+from .numbering import contact_dofs, global_dofs, held_rows, num_owned
 from .options import inside
 
 Array = npt.NDArray[np.floating]
@@ -79,6 +79,8 @@ class LinearBulk:
         rows = global_dofs([f.function_space for f in unknowns])  # the displacement's come first
         self._counts = np.array(self._comm.allgather(len(self.dofs)))
         self._chosen = gather_rows(self._comm, rows[0][self.dofs], self._counts)
+        self._held_of = held_rows(unknowns, bcs)
+        self._held = np.concatenate(self._held_of)
         self._factor: InnerFactor | None = None
         self._matrix: PETSc.Mat | None = None
         self._forms: Any = None
@@ -150,10 +152,10 @@ class LinearBulk:
         assert self._matrix is not None and self._factor is not None
         r, y = self._matrix.createVecLeft(), self._matrix.createVecRight()
         r.array[:] = np.concatenate(list(self._residuals()))
-        r.array[self._held()] = 0.0
+        r.array[self._held] = 0.0
         norm = float(r.norm())
         self._factor.solve(r, y)
-        y.array[self._held()] = 0.0
+        y.array[self._held] = 0.0
         inner = self._matrix * y
         self.loads = r.array[self.dofs] - inner.array[self.dofs]
         self.start = self.gathered()
@@ -173,7 +175,7 @@ class LinearBulk:
         moved.array[self.dofs] = kept - self._resting[self.dofs]
         forces = self._matrix * moved
         self._factor.solve(forces, inner)
-        inner.array[self._held()] = 0.0
+        inner.array[self._held] = 0.0
         values, at = self._resting - inner.array, 0
         values[self.dofs] = kept
         for f in self._unknowns:
@@ -189,28 +191,27 @@ class LinearBulk:
         fields = {f for J in parts for f in extract_coefficients(J)}
         numbers = {c for J in parts for c in extract_constants(J)}
         domains = {d for J in parts for d in J.ufl_domains()}
-        held = [constrained_dofs(f.function_space, self._bcs) for f in self._unknowns]
         return [
             *(f.x.array for f in sorted(fields, key=lambda f: f.count())),
             *(np.asarray(c.value) for c in sorted(numbers, key=lambda c: c.count())),
             *(d.ufl_cargo().geometry.x for d in sorted(domains, key=lambda d: d.ufl_id())),
-            *held,
         ]
 
     def _assemble(self, changed: bool) -> PETSc.Mat:
-        """Return the matrix; prescribed dofs have rows and columns of the identity."""
+        """Return the matrix; prescribed dofs have rows and columns of the identity, scaled."""
         matrix = self._offered
-        if matrix is not None and not changed:
+        if offered := matrix is not None and not changed:
             self._offered = None
-            first = matrix.getOwnershipRange()[0]
-            matrix.zeroRowsColumns((first + self._held()).astype(PETSc.IntType), diag=1.0)
         else:
             self.discard()
             matrix = self._assemble_anew()
-        diagonal = matrix.getDiagonal()
-        self._set_held(diagonal.array)
-        matrix.setDiagonal(diagonal)
-        diagonal.destroy()
+        first = matrix.getOwnershipRange()[0]
+        for held, size in self._held_sizes(matrix):
+            rows = (first + held).astype(PETSc.IntType)
+            if offered:
+                matrix.zeroRowsColumns(rows, diag=size)
+            else:  # zero already
+                matrix.zeroRows(rows, diag=size)
         return matrix
 
     def _assemble_anew(self) -> PETSc.Mat:
@@ -224,22 +225,17 @@ class LinearBulk:
         matrix.assemble()
         return matrix
 
-    def _set_held(self, diagonal: Array) -> None:
-        """Give prescribed dofs a diagonal of the size of the others': MUMPS loses no digits."""
-        free, at = np.ones(len(diagonal), dtype=bool), 0
-        free[self._held()] = False
-        for f in self._unknowns:
-            part = slice(at, at + num_owned(f))
-            local = np.array([np.max(abs(diagonal[part][free[part]]), initial=0.0)])
-            largest = float(largest_of_ranks(self._comm, local)[0])
-            diagonal[part][~free[part]] = largest if 0.0 < largest < np.inf else 1.0
-            at = part.stop
+    def _held_sizes(self, matrix: PETSc.Mat) -> list[tuple[Indices, float]]:
+        """Return the prescribed rows of each unknown, and the largest diagonal of its free ones.
 
-    def _held(self) -> Indices:
-        """Return the owned rows that are conditions."""
-        found, at = [], 0
-        for f in self._unknowns:
-            dofs = constrained_dofs(f.function_space, self._bcs)
-            found.append(at + dofs[dofs < num_owned(f)])
+        With a diagonal of this size MUMPS loses no digits.
+        """
+        vector, at, found = matrix.getDiagonal(), 0, []
+        for f, held in zip(self._unknowns, self._held_of, strict=True):
+            free = np.delete(vector.array[at : at + num_owned(f)], held - at)
+            local = np.array([np.max(abs(free), initial=0.0)])
+            largest = float(largest_of_ranks(self._comm, local)[0])
+            found.append((held, largest if 0.0 < largest < np.inf else 1.0))
             at += num_owned(f)
-        return np.concatenate(found)
+        vector.destroy()
+        return found

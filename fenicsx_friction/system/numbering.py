@@ -8,6 +8,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..contact.contact import Contact
+from .conditions import constrained_dofs
 
 Indices = npt.NDArray[np.int64]
 
@@ -43,3 +44,13 @@ def contact_dofs(contacts: Sequence[Contact], V: fem.FunctionSpace) -> Indices:
     nodes += [k.pairing.partners(V) for k in contacts]
     blocks, d = np.unique(np.concatenate(nodes)).astype(np.int64), V.dofmap.index_map_bs
     return (d * blocks[:, None] + np.arange(d)).ravel()
+
+
+def held_rows(unknowns: Sequence[fem.Function], bcs: Sequence[fem.DirichletBC]) -> list[Indices]:
+    """Return the owned rows of each unknown that are conditions, counted from this rank's first."""
+    found, at = [], 0
+    for f in unknowns:
+        dofs = constrained_dofs(f.function_space, bcs).astype(np.int64)
+        found.append(at + dofs[dofs < num_owned(f)])
+        at += num_owned(f)
+    return found

@@ -73,6 +73,7 @@ class StepReport:
         certificate: The certificate of the final state.
         factorisations: Factorisations of the bulk for condensed substeps; a full iteration makes
             one of the whole system.
+        solver: ``condensed`` or ``full``, see :class:`SubstepReport`: what led to the final state.
     """
 
     step: int
@@ -81,11 +82,7 @@ class StepReport:
     contacts: tuple[ContactReport, ...]
     certificate: Certificate
     factorisations: int = 0
-
-    @property
-    def solver(self) -> str:
-        """What solved the step, ``condensed`` or ``full``, see :class:`SubstepReport`."""
-        return self.substeps[-1].solver if self.substeps else "condensed"
+    solver: str = "full"
 
     @property
     def iterations(self) -> int:

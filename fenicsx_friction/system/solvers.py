@@ -7,6 +7,8 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from petsc4py import PETSc
+
 import numpy as np
 
 from ..base.errors import ContactInputError
@@ -71,11 +73,11 @@ class Solvers:
         bulk = self._boundary.equations.bulk
         try:
             bulk.refresh()
-        except FactorFailed as error:
+            forces = bulk.begin()
+        except (FactorFailed, PETSc.Error) as error:
             tell(self.full.comm, logging.DEBUG, "the bulk cannot be condensed: %s", error)
             bulk.discard()
             return None
-        forces = bulk.begin()
         return forces if np.isfinite(forces) else None
 
     @contextmanager
