@@ -39,7 +39,7 @@ class Outcome:
         steps: Number of steps asked for.
         difference: Largest relative difference of tractions from the exact solution.
         other_solutions: Steps with another certified solution than the exact reference's.
-        iterations: Linear solves in all.
+        iterations: Newton iterations in all.
         message: Why it stopped, if it did.
         failed: Whether a step was neither certified nor solved by the reference.
     """

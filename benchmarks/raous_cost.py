@@ -124,7 +124,7 @@ def main() -> None:
     if arguments.history:
         print_history(arguments.sizes, arguments.mu, settings)
         return
-    print("mesh       mu  linear solves (substeps)      contact s  elastic s  ratio  certificate")
+    print("mesh       mu  iterations (substeps)         contact s  elastic s  ratio  certificate")
     for n in arguments.sizes:
         for mu in arguments.mu:
             options = parse_options(f"--nx {n} --ny {n} --mu {mu} --element q1".split())

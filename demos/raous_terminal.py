@@ -74,7 +74,9 @@ def say_results(options: Options, increments: Sequence[Increment]) -> None:
     )
     console.print("Zones on the base (mm, limits halfway between nodes): " + "; ".join(zones))
     substeps = " + ".join(_substep(s) for s in last.report.substeps)
-    console.print(f"Newton iterations: {substeps} = {last.report.iterations} linear solves")
+    console.print(
+        f"Newton iterations: {substeps} = {last.report.iterations} ({last.report.solver} solver)"
+    )
     certificate = last.report.certificate
     console.print(
         f"Certificate: {certificate.relative:.1e} relative; penetration "

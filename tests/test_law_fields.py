@@ -124,7 +124,8 @@ def test_what_has_no_values_here_is_refused(wrong):
         half = mesh.create_rectangle(MPI.COMM_WORLD, [[0, 0], [1, 1]], [4, 2], dtype=np.float32)
         return ff.Coulomb(fem.Function(fem.functionspace(half, ("DG", 0)), dtype=np.float32))
 
-    with pytest.raises(ff.ContactInputError, match=r"test or trial function|float32"):
+    words = {"test function": "a test or trial function", "single precision": "of type float32"}
+    with pytest.raises(ff.ContactInputError, match=words[wrong]):
         dragged(make, "valueless_")
 
 
@@ -151,7 +152,9 @@ def test_a_metric_that_is_not_symmetric_and_positive_is_refused(entries):
         def metric(self, sliding):
             return ufl.as_matrix(entries)
 
-    with pytest.raises(ff.ContactInputError, match=r"metric(.|\n)*(symmetric|[Zz]ero)"):
+    singular = np.linalg.det(entries) == 0.0 and entries[1][1] == 0
+    words = "inverse of Turning.metric.* by zero" if singular else "symmetric and positive definite"
+    with pytest.raises(ff.ContactInputError, match=f"(?i){words}"):
         dragged(lambda *_: Turning(), "turning_", dim=3).move(0.0, 0.0, -DEPTH)
 
 

@@ -30,7 +30,7 @@ Indices = npt.NDArray[np.int64]
 BLOCK = 32
 #: What MUMPS says of a matrix that is not positive definite.
 INDEFINITE = (-10, -40)
-#: A matrix is symmetric up to this difference from its transpose, relative to its largest entry.
+#: A matrix is symmetric up to this difference from its transpose, relative to its largest row.
 ASYMMETRY = 1e-13
 
 
@@ -154,6 +154,16 @@ class _ByBackSolves(InnerFactor):
         self._inner.destroy()
 
 
+def add_diagonal(K: PETSc.Mat) -> None:
+    """Give each row of a matrix a diagonal entry, zero if it has none: PETSc needs them."""
+    zeros = PETSc.Mat().createAIJ(K.getSizes(), nnz=1, comm=K.comm)
+    for row in range(*K.getOwnershipRange()):
+        zeros.setValue(row, row, 0.0)
+    zeros.assemble()
+    K.axpy(1.0, zeros, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    zeros.destroy()
+
+
 def _factored(
     K: PETSc.Mat,
     package: str,
@@ -193,10 +203,12 @@ def _factored_as(
     pc.setType(kind)
     pc.setFactorSolverType(package)
     pc.setFactorSetUpSolverType()
+    pc.getFactorMatrix().setOptionsPrefix(prefix)  # the set-up would name it too late
     prepare(pc.getFactorMatrix())
     try:
         pc.setUp()
     except PETSc.Error as error:
+        pc.destroy()
         raise FactorFailed(str(error)) from error
     code = pc.getFactorMatrix().getMumpsInfog(1) if package == "mumps" else 0
     if code < 0 or pc.getFailedReason() > 0:

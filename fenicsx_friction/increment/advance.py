@@ -13,7 +13,7 @@ from dolfinx import fem
 
 from ..base.errors import ContactInputError, StepFailed
 from ..base.log import tell
-from ..contact.checks import check_friction, check_normals
+from ..contact.checks import check_friction, check_metrics, check_normals
 from ..system.conditions import missed_values
 from ..system.forces import MISSED
 from ..system.report import StepReport, SubstepReport
@@ -65,6 +65,7 @@ def _advance(system: ContactSystem) -> StepReport:
             system.solvers.recover()
         report, crossed = _judge(system, substeps, made, condensed=condensed)
         if report.certificate.solved:
+            check_metrics(system.contacts)  # they may depend on the slip
             system.commit()
             _tell(system, report)
             return report
@@ -97,6 +98,8 @@ def _ways(
     if condensing and (forces := solvers.condense()) is not None:
         for attempt in (*first, *CONDENSED_FALLBACKS[:number]):
             yield attempt, True, max(forces, contact)
+        for k in system.contacts:
+            k.anchor()
     snapshot.restore(changed, start)
     forces = system.projection.unbalanced()
     if not np.isfinite(forces):

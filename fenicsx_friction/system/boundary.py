@@ -128,6 +128,10 @@ class BoundaryEquations:
             c[: len(size)][(k.pairing.gaps() > 0.0) & (size < FAINT * largest)] = 0.0
             k.c.x.scatter_forward()
 
+    def forget_matrix(self) -> None:
+        """Free the memory of the dense matrix."""
+        self._matrix = None
+
     # -- called by PETSc -------------------------------------------------------------------------
 
     def residual(self, snes: PETSc.SNES | None, x: PETSc.Vec, b: PETSc.Vec) -> None:
@@ -151,6 +155,7 @@ class BoundaryEquations:
                 Elements(self._place[self._all(c)], self._all(m), k.pairing.side.d)
                 for k, c, m in zip(self._contacts, columns, matrices, strict=True)
             ]
+            self._matrix = None  # two would take twice the memory
             self._matrix = BoundaryMatrix(self.bulk.schur, parts, len(self._place) - 1)
 
     def mult(self, J: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:

@@ -52,9 +52,6 @@ class BoundaryMatrix:
         schur: Stiffness of the bulk (N/m).
         parts: The elements of all contacts.
         size: Number of unknowns.
-
-    Attributes:
-        singular: Whether it cannot be solved.
     """
 
     def __init__(self, schur: Array, parts: Sequence[Elements], size: int) -> None:
@@ -85,11 +82,11 @@ class BoundaryMatrix:
             for part, regular in zip(self._parts, self._regular, strict=True)
         ]
         matrix = self._assembled()
-        self._finite = bool(np.all(np.isfinite(self._of_rows)))
+        self._finite = bool(np.all(np.isfinite(matrix)))
         # LAPACK counts by columns: the transpose needs no copy.
         self._lu, self._pivots, info = lapack.dgetrf(matrix.T, overwrite_a=True)
         rcond = lapack.dgecon(self._lu, 1.0)[0] if info == 0 and self._finite else 0.0
-        self.singular = not rcond > SINGULAR
+        self._singular = not rcond > SINGULAR
 
     def _assembled(self) -> Array:
         """Return the matrix of what remains, rows and columns of about unit length."""
@@ -125,7 +122,7 @@ class BoundaryMatrix:
                 right -= step.reactions(len(right)) @ force
             right[step.own.ravel()] = b[step.c].ravel() - step.times(force[:, None]).ravel()
         right *= self._of_rows
-        if self.singular:
+        if self._singular:
             found = lstsq(self._assembled(), right, lapack_driver="gelsy")[0]
         else:
             found = lapack.dgetrs(self._lu, self._pivots, right, trans=1)[0]

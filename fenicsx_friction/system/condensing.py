@@ -40,7 +40,8 @@ def obstacle_to_condensing(
         return "the bulk is not linear in its unknowns"
     if any(f in extract_coefficients(block) for block in blocks for f in of_contact):
         return "the bulk depends on the contact"
-    if any(f in extract_coefficients(k.rows.nodal) for k in contacts for f in unknowns):
+    rows = [e for k in contacts for e in (k.rows.nodal, k.rows.own_row) if e is not None]
+    if any(f in extract_coefficients(e) for e in rows for f in unknowns):
         return "a friction law depends on an unknown of the bulk"
     if any(
         name.startswith(OTHER_SOLVERS) and options[name] != DEFAULT_OPTIONS.get(name)
@@ -79,6 +80,7 @@ def solvers_of(
         residuals: Returns the rows of the residuals at the owned dofs, without contact.
         tangent: Stiffness of the displacement; is used or destroyed.
     """
+    given = options or {}
     options = {**DEFAULT_OPTIONS, **options_for(contacts, options)}
     state = [*unknowns, *(k.c for k in contacts)]
     forms = [*blocks, *(place(k) for k in contacts)]
@@ -88,7 +90,8 @@ def solvers_of(
         tangent.destroy()
     if reason:
         return Solvers(full, None, reason)
-    settings = (f"{prefix}bulk_", options, tangent if len(unknowns) == 1 else None)
+    of_bulk = {k: v for k, v in options.items() if k in given or not k.startswith("mat_")}
+    settings = (f"{prefix}bulk_", of_bulk, tangent if len(unknowns) == 1 else None)
     bulk = LinearBulk(blocks, unknowns, bcs, entity_maps, contacts, residuals, *settings)
     equations = BoundaryEquations(bulk, state, contacts, bcs)
     return Solvers(full, BoundaryNewton(equations, state, options, scales))

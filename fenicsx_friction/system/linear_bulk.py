@@ -23,7 +23,7 @@ from ufl.algorithms.analysis import extract_constants
 from ..base.collective import any_rank, gather_rows, largest_of_ranks
 from ..base.compat import jacobian_blocks
 from ..base.compilation import compiled
-from ..base.schur import FactorFailed, InnerFactor, inner_factor
+from ..base.schur import FactorFailed, InnerFactor, add_diagonal, inner_factor
 from ..contact.contact import Contact
 from .conditions import constrained_dofs, with_conditions
 from .linear import MORE_WORKSPACE, WORKSPACE
@@ -115,6 +115,7 @@ class LinearBulk:
         if self._factor is not None and not changed:
             return
         self._matrix = self._assemble(changed)
+        self._made_of = [a.copy() for a in now]
         try:
             self._factor = self._factored(self._options)
         except FactorFailed as error:
@@ -122,7 +123,6 @@ class LinearBulk:
                 raise
             self._factor = self._factored(MORE_WORKSPACE | dict(self._options))
         self.factorisations += 1
-        self._made_of = [a.copy() for a in now]
 
     def _factored(self, options: Mapping[str, object]) -> InnerFactor:
         """Return a new factor."""
@@ -223,6 +223,8 @@ class LinearBulk:
         else:
             matrix = assemble_matrix(self._forms, bcs=self._bcs, kind="mpi")
         matrix.assemble()
+        if len(self._unknowns) > 1:
+            add_diagonal(matrix)
         return matrix
 
     def _held_sizes(self, matrix: PETSc.Mat) -> list[tuple[Indices, float]]:

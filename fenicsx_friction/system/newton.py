@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the substeps of a problem share: forms, terms of contact, one matrix and one factor."""
+"""Newton's method for the whole system: forms, terms of contact, one matrix and one factor."""
 
 from __future__ import annotations
 

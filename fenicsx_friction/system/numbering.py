@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.la import InsertMode
 
 from ..contact.contact import Contact
 from .conditions import constrained_dofs
@@ -39,11 +40,17 @@ def num_owned(f: fem.Function) -> int:
 
 
 def contact_dofs(contacts: Sequence[Contact], V: fem.FunctionSpace) -> Indices:
-    """Return the owned dofs of the displacement at the nodes of all surfaces, ascending."""
-    nodes = [k.parent_dofs[: k.surface.num_owned] for k in contacts]
-    nodes += [k.pairing.partners(V) for k in contacts]
-    blocks, d = np.unique(np.concatenate(nodes)).astype(np.int64), V.dofmap.index_map_bs
-    return (d * blocks[:, None] + np.arange(d)).ravel()
+    """Return the owned dofs of the displacement at the nodes of all surfaces; collective.
+
+    They ascend. Another rank may own the node of the surface than owns the dof.
+    """
+    marked = fem.Function(V, dtype=np.float64)
+    values = marked.x.array.reshape(-1, V.dofmap.index_map_bs)
+    for k in contacts:
+        values[k.parent_dofs[: k.surface.num_owned]] = 1.0
+        values[k.pairing.partners(V)] = 1.0
+    marked.x.scatter_reverse(InsertMode.add)
+    return np.flatnonzero(marked.x.array[: num_owned(marked)] > 0.0).astype(np.int64)
 
 
 def held_rows(unknowns: Sequence[fem.Function], bcs: Sequence[fem.DirichletBC]) -> list[Indices]:

@@ -19,11 +19,12 @@ class SubstepReport:
         iterations: Newton iterations, each one linear solve.
         converged: Whether the residual met its tolerance.
         reason: PETSc's name of the reason, or ``CYCLE``.
-        residuals: 2-norms of the residual (N), one an iteration and the initial one.
+        residuals: 2-norms of the residual (N), one an iteration and the initial one, of the last
+            try if it was repeated with more memory.
         accepted: Whether the substep's end state was used.
         failure: Why a factorisation failed, in plain words.
-        solver: ``full``: an iteration solves the whole system; ``condensed``: a dense system of the
-            nodes in contact.
+        solver: ``full``: an iteration solves the whole system; ``condensed``: a dense system of
+            the dofs of the contact surfaces.
     """
 
     name: str
@@ -71,8 +72,8 @@ class StepReport:
         substeps: All substeps in the order they were solved, failed ones included.
         contacts: Totals of each contact.
         certificate: The certificate of the final state.
-        factorisations: Factorisations of the bulk for condensed substeps; a full iteration makes
-            one of the whole system.
+        factorisations: How many bulks were factored for condensed substeps; a full iteration
+            factors the whole system.
         solver: ``condensed`` or ``full``, see :class:`SubstepReport`: what led to the final state.
     """
 

@@ -24,13 +24,13 @@ class StepSettings:
             :func:`fenicsx_friction.laws.blended_slip`.
         normal: Normal complementarity function, ``"chen-mangasarian"`` (the paper's),
             ``"fischer-burmeister"`` or ``"min"``.
-        fallbacks: How many further ways to try when full Newton steps fail; all by default. Where a
-            smaller step is possible, a few are cheaper, see
-            :data:`fenicsx_friction.increment.correctors.FALLBACKS`.
+        fallbacks: How many further ways to try when full Newton steps fail, on the boundary and
+            then on the whole system; all by default. Where a smaller step is possible, a few are
+            cheaper, see :data:`fenicsx_friction.increment.correctors.FALLBACKS`.
         solver: ``"condensed"``: the bulk is factored once and contact solved on its boundary, for
             bulks that are linear in their unknowns; ``"full"``: the whole system in each iteration;
             ``"auto"``: condensed where it can be, up to
-            :data:`~fenicsx_friction.system.solvers.MOST_DOFS` displacements in contact.
+            :data:`~fenicsx_friction.system.solvers.MOST_DOFS` dofs of the contact surfaces.
         raise_on_uncertified: Raise :class:`~fenicsx_friction.StepFailed`, or else return the report
             with ``certified == False``. The state is the last accepted one either way.
     """

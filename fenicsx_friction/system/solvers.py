@@ -91,6 +91,8 @@ class Solvers:
             yield
         finally:
             self.now = self.full
+            if self._boundary is not None:
+                self._boundary.equations.forget_matrix()
 
     def recover(self) -> None:
         """Find the unknowns inside the bulk from those of the boundary."""

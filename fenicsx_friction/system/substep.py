@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -108,13 +109,14 @@ class Substep:
     @contextmanager
     def _guarded(self) -> Iterator[None]:
         """Discard the solver after an error, and raise what a callback raised."""
-        errors = self._newton.errors
+        errors, outer = self._newton.errors, sys.exc_info()[1]
         errors.error = None
         try:
             yield
         except (PETSc.Error, SystemError) as error:  # the latter: an interrupt inside petsc4py
             self._solvers.discard()
-            if (cause := errors.error or error.__cause__ or error.__context__) is not None:
+            cause = errors.error or error.__cause__ or error.__context__
+            if cause is not None and cause is not outer:  # which is handled further up
                 raise cause from None
             raise
         except BaseException:

@@ -17,7 +17,6 @@ from ..base.errors import ContactInputError
 from ..base.literals import lifted_form
 from ..certificate.certificate import Certificate, certify
 from ..certificate.nodal_state import NodalState
-from ..contact.checks import check_metrics
 from ..contact.contact import Contact
 from ..surfaces.measures import share_facet_data
 from .assembly import assemble_owned, weakly
@@ -220,7 +219,6 @@ class ContactSystem:
     def _certify(self) -> Certificate:
         """Certify the current values with the rounding errors measured so far."""
         states = self.nodal_states()
-        check_metrics(self.contacts)
         momentum = self.assemble_momentum()
         found = self.scales.residuals(momentum, *self.assemble_others())
         equations = self.scales.equilibrium
