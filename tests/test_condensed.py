@@ -32,8 +32,18 @@ def follow(model, path, solver):
     for position in path:
         step(*position)
         reports.append(problem.solve())
-        states += [problem.u.x.array.copy(), *(k.c.x.array.copy() for k in problem.contacts)]
+        V = problem.u.function_space
+        states.append(of_all_ranks(problem.comm, V.tabulate_dof_coordinates(), problem.u))
+        states += [of_all_ranks(problem.comm, k.surface.x, k.c) for k in problem.contacts]
     return reports, states
+
+
+def of_all_ranks(comm, x, f):
+    """Return the values at the owned nodes of all ranks, in an order of their places."""
+    d, n = f.function_space.dofmap.index_map_bs, f.function_space.dofmap.index_map.size_local
+    values = np.concatenate(comm.allgather(f.x.array.reshape(-1, d)[:n]))
+    places = np.round(np.concatenate(comm.allgather(x[:n])), 9)
+    return values[np.lexsort((*values.T, *places.T))]  # bodies that touch share places
 
 
 def compare(make, path, tolerance=1e-9):
