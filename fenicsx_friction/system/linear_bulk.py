@@ -85,6 +85,7 @@ class LinearBulk:
         self._matrix: PETSc.Mat | None = None
         self._forms: Any = None
         self._offered = matrix
+        self._find_dependencies()
         self._made_of = [a.copy() for a in self._dependencies()]
         self.factorisations = 0
 
@@ -185,16 +186,22 @@ class LinearBulk:
         for o in (moved, inner, forces):
             o.destroy()
 
-    def _dependencies(self) -> list[Array]:
-        """Return all values that the matrix depends on."""
+    def _find_dependencies(self) -> None:
+        """Find the fields, numbers and meshes that the matrix depends on."""
         parts = [expand_derivatives(J) for row in self._tangent for J in row if J is not None]
         fields = {f for J in parts for f in extract_coefficients(J)}
         numbers = {c for J in parts for c in extract_constants(J)}
         domains = {d for J in parts for d in J.ufl_domains()}
+        self._fields = sorted(fields, key=lambda f: f.count())
+        self._numbers = sorted(numbers, key=lambda c: c.count())
+        self._meshes = [d.ufl_cargo() for d in sorted(domains, key=lambda d: d.ufl_id())]
+
+    def _dependencies(self) -> list[Array]:
+        """Return all values that the matrix depends on."""
         return [
-            *(f.x.array for f in sorted(fields, key=lambda f: f.count())),
-            *(np.asarray(c.value) for c in sorted(numbers, key=lambda c: c.count())),
-            *(d.ufl_cargo().geometry.x for d in sorted(domains, key=lambda d: d.ufl_id())),
+            *(f.x.array for f in self._fields),
+            *(np.asarray(c.value) for c in self._numbers),
+            *(m.geometry.x for m in self._meshes),
         ]
 
     def _assemble(self, changed: bool) -> PETSc.Mat:
