@@ -156,10 +156,9 @@ class _ByBackSolves(InnerFactor):
 
 def add_diagonal(K: PETSc.Mat) -> None:
     """Give each row of a matrix a diagonal entry, zero if it has none: PETSc needs them."""
-    zeros = PETSc.Mat().createAIJ(K.getSizes(), nnz=1, comm=K.comm)
-    for row in range(*K.getOwnershipRange()):
-        zeros.setValue(row, row, 0.0)
-    zeros.assemble()
+    rows = np.arange(*K.getOwnershipRange(), dtype=PETSc.IntType)
+    entries = (np.arange(len(rows) + 1, dtype=PETSc.IntType), rows, np.zeros(len(rows)))
+    zeros = PETSc.Mat().createAIJ(K.getSizes(), csr=entries, comm=K.comm)
     K.axpy(1.0, zeros, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     zeros.destroy()
 

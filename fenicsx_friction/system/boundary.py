@@ -68,6 +68,8 @@ class BoundaryEquations:
         bulk, sizes = len(owned) - len(self._contacts), [len(self.bulk.dofs)]
         sizes += owned[bulk:]
         all_sizes = np.array(self.comm.allgather(sizes))
+        d = self._unknowns[0].function_space.mesh.geometry.dim
+        self._nodes = all_sizes[:, 1:].T // d  # of each contact, on each rank
         self.size, self._counts = sum(sizes), all_sizes.sum(axis=1)
         first = int(np.sum(self._counts[: self.comm.rank]))
         ends = np.cumsum([first, *sizes])
@@ -152,7 +154,7 @@ class BoundaryEquations:
             assert self.law is not None
             columns, matrices = self.terms.columns(self.law), self.terms.matrices(self.law)
             parts = [
-                Elements(self._place[self._all(c)], self._all(m), k.pairing.side.d)
+                Elements(self._place[self._all(k, c)], self._all(k, m), k.pairing.side.d)
                 for k, c, m in zip(self._contacts, columns, matrices, strict=True)
             ]
             self._matrix = None  # two would take twice the memory
@@ -178,7 +180,6 @@ class BoundaryEquations:
         first = int(np.sum(self._counts[: self.comm.rank]))
         found.array[:] = work(values)[order][first : first + self.size]
 
-    def _all(self, rows: npt.NDArray) -> npt.NDArray:
-        """Return the elements of all ranks."""
-        counts = np.array(self.comm.allgather(len(rows)))
-        return gather_rows(self.comm, rows, counts)
+    def _all(self, k: Contact, rows: npt.NDArray) -> npt.NDArray:
+        """Return what all ranks have of the elements of a contact."""
+        return gather_rows(self.comm, rows, self._nodes[self._contacts.index(k)])

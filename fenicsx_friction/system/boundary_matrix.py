@@ -56,7 +56,9 @@ class BoundaryMatrix:
 
     def __init__(self, schur: Array, parts: Sequence[Elements], size: int) -> None:
         self._schur, self._parts, self._n, self._size = schur, parts, len(schur), size
-        self._regular = [_regular(part, parts, self._n) for part in parts]
+        columns = np.concatenate([part.split()[0].ravel() for part in parts])
+        counts = np.bincount(columns[columns >= 0], minlength=self._n)
+        self._regular = [_regular(part, counts) for part in parts]
         self._factor()
 
     def __matmul__(self, x: Array) -> Array:
@@ -162,12 +164,13 @@ class _Eliminated:
         return csr_array((self._forces[there], (i[there], j[there])), shape=shape)
 
 
-def _regular(part: Elements, parts: Sequence[Elements], n: int) -> npt.NDArray[np.bool_]:
-    """Tell which nodes are free, only in this element, and loaded by all their multipliers."""
-    counts = np.zeros(n, dtype=np.int64)
-    for other in parts:
-        q = other.split()[0]
-        np.add.at(counts, q[q >= 0], 1)
+def _regular(part: Elements, counts: Indices) -> npt.NDArray[np.bool_]:
+    """Tell which nodes are free, only in this element, and loaded by all their multipliers.
+
+    Args:
+        part: The elements of a contact.
+        counts: In how many elements each displacement is.
+    """
     own, c = part.split()[0][:, : part.d], part.split()[1]
     forces = part.matrices[:, : part.d, -part.d :]
     size = np.max(abs(forces), axis=(1, 2), initial=0.0)

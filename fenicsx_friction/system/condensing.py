@@ -29,14 +29,15 @@ OTHER_SOLVERS = ("ksp_", "pc_", "snes_type", "snes_mf", "snes_lag", "npc_")
 
 def obstacle_to_condensing(
     blocks: Sequence[ufl.Form],
+    tangents: Sequence[Sequence[ufl.Form | None]],
     unknowns: Sequence[fem.Function],
     contacts: Sequence[Contact],
     options: Mapping[str, object],
 ) -> str:
     """Say why a bulk cannot be condensed; empty if it can."""
     of_contact = [f for k in contacts for f in (k.c, k.pairing.field)]
-    tangents = [J for row in jacobian_blocks(blocks, unknowns) for J in row if J is not None]
-    if any(f in extract_coefficients(expand_derivatives(J)) for J in tangents for f in unknowns):
+    parts = [J for row in tangents for J in row if J is not None]
+    if any(f in extract_coefficients(J) for J in parts for f in unknowns):
         return "the bulk is not linear in its unknowns"
     if any(f in extract_coefficients(block) for block in blocks for f in of_contact):
         return "the bulk depends on the contact"
@@ -85,13 +86,17 @@ def solvers_of(
     state = [*unknowns, *(k.c for k in contacts)]
     forms = [*blocks, *(place(k) for k in contacts)]
     full = Newton(forms, state, bcs, prefix, options, entity_maps, scales, terms)
-    reason = obstacle_to_condensing(blocks, unknowns, contacts, options)
+    tangents = [
+        [None if J is None else expand_derivatives(J) for J in row]
+        for row in jacobian_blocks(blocks, unknowns)
+    ]
+    reason = obstacle_to_condensing(blocks, tangents, unknowns, contacts, options)
     if reason or len(unknowns) > 1:
         tangent.destroy()
     if reason:
         return Solvers(full, None, reason)
     of_bulk = {k: v for k, v in options.items() if k in given or not k.startswith("mat_")}
     settings = (f"{prefix}bulk_", of_bulk, tangent if len(unknowns) == 1 else None)
-    bulk = LinearBulk(blocks, unknowns, bcs, entity_maps, contacts, residuals, *settings)
+    bulk = LinearBulk(tangents, unknowns, bcs, entity_maps, contacts, residuals, *settings)
     equations = BoundaryEquations(bulk, state, contacts, bcs)
     return Solvers(full, BoundaryNewton(equations, state, options, scales))

@@ -17,11 +17,10 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
-from ufl.algorithms import expand_derivatives, extract_coefficients
+from ufl.algorithms import extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 
 from ..base.collective import any_rank, gather_rows, largest_of_ranks
-from ..base.compat import jacobian_blocks
 from ..base.compilation import compiled
 from ..base.schur import FactorFailed, InnerFactor, add_diagonal, inner_factor
 from ..contact.contact import Contact
@@ -41,7 +40,7 @@ class LinearBulk:
     ``loads + schur (q - start)``.
 
     Args:
-        blocks: Residuals of the bulk.
+        tangents: Derivatives of the residuals of the bulk, expanded; ``None`` where there is none.
         unknowns: Their unknowns, displacement first.
         bcs: Dirichlet conditions.
         entity_maps: Entity maps of all meshes in the residuals.
@@ -60,7 +59,7 @@ class LinearBulk:
 
     def __init__(
         self,
-        blocks: Sequence[ufl.Form],
+        tangents: Sequence[Sequence[ufl.Form | None]],
         unknowns: Sequence[fem.Function],
         bcs: Sequence[fem.DirichletBC],
         entity_maps: Sequence[mesh.EntityMap],
@@ -74,7 +73,7 @@ class LinearBulk:
         V = unknowns[0].function_space
         self._prefix, self._options = prefix, options
         self._comm, self._maps = V.mesh.comm, list(entity_maps)
-        self._tangent = jacobian_blocks(blocks, unknowns)
+        self._tangents = tangents
         self.dofs = np.setdiff1d(contact_dofs(contacts, V), constrained_dofs(V, bcs))
         rows = global_dofs([f.function_space for f in unknowns])  # the displacement's come first
         self._counts = np.array(self._comm.allgather(len(self.dofs)))
@@ -188,7 +187,7 @@ class LinearBulk:
 
     def _find_dependencies(self) -> None:
         """Find the fields, numbers and meshes that the matrix depends on."""
-        parts = [expand_derivatives(J) for row in self._tangent for J in row if J is not None]
+        parts = [J for row in self._tangents for J in row if J is not None]
         fields = {f for J in parts for f in extract_coefficients(J)}
         numbers = {c for J in parts for c in extract_constants(J)}
         domains = {d for J in parts for d in J.ufl_domains()}
@@ -224,7 +223,7 @@ class LinearBulk:
     def _assemble_anew(self) -> PETSc.Mat:
         """Assemble the matrix from the user's forms."""
         if self._forms is None:
-            self._forms = compiled(fem.form, self._comm)(self._tangent, entity_maps=self._maps)
+            self._forms = compiled(fem.form, self._comm)(self._tangents, entity_maps=self._maps)
         if len(self._unknowns) == 1:
             matrix = assemble_matrix(self._forms[0][0], bcs=self._bcs)
         else:

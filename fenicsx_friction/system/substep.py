@@ -150,11 +150,8 @@ class Substep:
         chosen, limit = options["snes_linesearch_type"], options["snes_max_it"]
         snes.getLineSearch().setType(str(line_search or chosen))
         snes.setTolerances(max_it=int(str(max_it or limit)))
-        self._progress, self._failure, self._spent = (
-            Progress(self._newton.measure, tolerance),
-            "",
-            0,
-        )
+        self._progress = Progress(self._newton.measure, tolerance)
+        self._failure, self._spent = "", 0
         converged, reason = self._run(target)
         history = self._progress.history
         iterations = self._spent + max(len(history) - 1, 0)
