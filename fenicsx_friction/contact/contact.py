@@ -109,6 +109,7 @@ class Contact:
         self._own_row = None
         if self.rows.own_row is not None:
             self._own_row = NodalKernel(self.surface, self.rows.own_row)
+        self._reach: NodalKernel | None = None
         self._metric = None
         if self.rows.metric is not None:
             self._metric = NodalKernel(self.surface, self.rows.metric)
@@ -143,8 +144,8 @@ class Contact:
     def _rough(self) -> npt.NDArray[np.bool_]:
         """Tell which nodes may have friction, at whatever pressure and slip; collective."""
         self.pairing.update()
-        reach = NodalKernel(self.surface, self.rows.reach).values()
-        return np.asarray(~np.all(reach <= 0.0, axis=1))
+        self._reach = self._reach or NodalKernel(self.surface, self.rows.reach)  # few ask for it
+        return np.asarray(~np.all(self._reach.values() <= 0.0, axis=1))
 
     def close_touching(self) -> None:
         """Close nodes that touch up to rounding, before Newton's method starts; collective.

@@ -27,7 +27,7 @@ from ..obstacles.kinematics import Array, frame_slopes
 from ..surfaces.nodal_kernel import NodalKernel
 from ..surfaces.surface import has_vertex_dofs
 from .conditions import constrained_dofs, with_conditions
-from .numbering import global_dofs
+from .numbering import global_dofs, num_owned
 
 Indices = npt.NDArray[np.int64]
 
@@ -66,7 +66,7 @@ class ContactTerms:
         self._contacts, self._unknowns, self._bcs = contacts, list(unknowns), bcs
         self._u, self._comm = unknowns[0], unknowns[0].function_space.mesh.comm
         spaces = [f.function_space for f in unknowns]
-        owned = [V.dofmap.index_map.size_local * V.dofmap.index_map_bs for V in spaces]
+        owned = [num_owned(f) for f in unknowns]
         self._num_rows, self._num_owned = sum(owned), owned[0]
         self._all_rows = global_dofs(spaces) if rows is None else list(rows)
         self._rows = [numbers.copy() for numbers in self._all_rows]

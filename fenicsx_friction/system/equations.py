@@ -20,6 +20,7 @@ from ..certificate.scales import DIGITS, Scales
 from ..surfaces.cells import extreme_sizes
 from .bodies import number_bodies
 from .conditions import with_conditions
+from .numbering import num_owned
 
 #: A row is measured by forces if a strain of one changes more than this fraction of it.
 LINKED = 1e-6
@@ -71,8 +72,7 @@ class FurtherEquation:
         self._maps, self._comm = list(entity_maps), V.mesh.comm
         self._flow_form = self._compiled(ufl.replace(residual, _weighted(residual, V)))
         self.number, body = number_bodies(V)
-        owned, bs = V.dofmap.index_map.size_local, V.dofmap.index_map_bs
-        self.body = np.repeat(body, bs)[: owned * bs]
+        self.body = np.repeat(body, V.dofmap.index_map_bs)[: num_owned(unknown)]
         self._groups = Groups(self.body, self.number)
         self._others = list(others)
         self._tangents = [self._tangent(residual, f) for f in others]
@@ -125,10 +125,7 @@ class FurtherEquation:
         terms = np.zeros(len(self.body))
         for f, tangent in zip(self._others, self._tangents, strict=True):
             x = np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs)))
-            V = f.function_space
-            terms += self._terms(
-                tangent, x[: V.dofmap.index_map.size_local * V.dofmap.index_map_bs]
-            )
+            terms += self._terms(tangent, x[: num_owned(f)])
         return DIGITS * largest_of_ranks(self._comm, self._groups.largest(terms))
 
     def _flows(self) -> Array:

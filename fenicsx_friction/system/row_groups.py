@@ -16,6 +16,7 @@ from ..certificate.groups import Array, Groups, Labels
 from ..contact.contact import Contact
 from .conditions import constrained_dofs
 from .equations import FurtherEquation
+from .numbering import num_owned
 
 
 class MeasuredRows:
@@ -163,9 +164,8 @@ class RowGroups:
 
 def _fixed(f: fem.Function, bcs: Sequence[fem.DirichletBC]) -> npt.NDArray[np.bool_]:
     """Tell which owned dofs of a Function are under a condition."""
-    V = f.function_space
-    fixed = np.zeros(V.dofmap.index_map.size_local * V.dofmap.index_map_bs, dtype=bool)
-    dofs = constrained_dofs(V, bcs)
+    fixed = np.zeros(num_owned(f), dtype=bool)
+    dofs = constrained_dofs(f.function_space, bcs)
     fixed[dofs[dofs < len(fixed)]] = True
     return fixed
 
