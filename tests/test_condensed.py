@@ -17,7 +17,7 @@ from fenicsx_friction.base import schur
 from fenicsx_friction.system.boundary_matrix import BoundaryMatrix
 from fenicsx_friction.system.contact_terms import ContactTerms
 from fenicsx_friction.system.linear_bulk import LinearBulk
-from models import Raous, block, raous, tagged_facets, with_contact
+from models import Raous, block, by_place, raous, tagged_facets, with_contact
 
 BLOCK = [(0.0, 0.0, -0.01), (0.004, 0.002, -0.01), (-0.004, 0.001, -0.012), (0.0, 0.0, 0.01)]
 STACK = [(0.0, 0.0, -0.01), (0.01, 0.005, -0.012), (0.0, 0.0, -0.01)]
@@ -32,18 +32,8 @@ def follow(model, path, solver):
     for position in path:
         step(*position)
         reports.append(problem.solve())
-        V = problem.u.function_space
-        states.append(of_all_ranks(problem.comm, V.tabulate_dof_coordinates(), problem.u))
-        states += [of_all_ranks(problem.comm, k.surface.x, k.c) for k in problem.contacts]
+        states += [by_place(f) for f in (problem.u, *(k.c for k in problem.contacts))]
     return reports, states
-
-
-def of_all_ranks(comm, x, f):
-    """Return the values at the owned nodes of all ranks, in an order of their places."""
-    d, n = f.function_space.dofmap.index_map_bs, f.function_space.dofmap.index_map.size_local
-    values = np.concatenate(comm.allgather(f.x.array.reshape(-1, d)[:n]))
-    places = np.round(np.concatenate(comm.allgather(x[:n])), 9)
-    return values[np.lexsort((*values.T, *places.T))]  # bodies that touch share places
 
 
 def compare(make, path, tolerance=1e-9):
@@ -361,7 +351,7 @@ def test_all_dofs_of_contact_are_prescribed():
         )
         model.move(0.0, 0.0, 0.01)
         reports.append(problem.solve())
-        moved.append(problem.u.x.array.copy())
+        moved.append(by_place(problem.u))
     assert moved[0] == pytest.approx(moved[1], abs=1e-12)
     assert np.max(abs(moved[1]), initial=0.0) == pytest.approx(0.01, rel=1e-12)
     assert [r.solver for r in reports] == ["condensed", "full"]
