@@ -23,9 +23,9 @@ from dolfinx.fem.petsc import LinearProblem
 
 import fenicsx_friction as ff
 from fenicsx_friction import bulk
+from fenicsx_friction.equations.contact_terms import ContactTerms
 from fenicsx_friction.obstacles.node_to_face import NodeToFace
-from fenicsx_friction.system.contact_terms import ContactTerms
-from fenicsx_friction.system.snes_callbacks import Callbacks
+from fenicsx_friction.solvers.snes_callbacks import Callbacks
 from raous_cost import DIRECT, median
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))

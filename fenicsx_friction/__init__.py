@@ -8,6 +8,8 @@ from .certificate.nodal_state import OPEN, SLIP, STICK
 from .contact.contact import Contact
 from .files.checkpoint import read_checkpoint, write_checkpoint
 from .files.fields import ContactFields
+from .increment.report import ContactReport, StepReport
+from .increment.settings import StepSettings
 from .laws import bulk
 from .laws.friction import (
     Coulomb,
@@ -31,9 +33,8 @@ from .obstacles.round import RigidCylinder, RigidSphere
 from .obstacles.search import SearchPolicy
 from .obstacles.shapes import ImplicitObstacle, RigidPlane
 from .problem import FrictionalContactProblem
+from .solvers.report import SubstepReport
 from .surfaces.surface import ContactSurface
-from .system.report import ContactReport, StepReport, SubstepReport
-from .system.settings import StepSettings
 from .verification.jacobian import check_jacobian
 from .verification.jacobian_report import JacobianReport
 

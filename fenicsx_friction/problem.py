@@ -7,11 +7,11 @@ import ufl
 from dolfinx import fem, mesh
 
 from .contact.contact import Contact
+from .equations import checks
 from .increment.advance import advance
-from .system import checks
-from .system.report import StepReport
-from .system.settings import StepSettings, settings_of
-from .system.system import ContactSystem
+from .increment.report import StepReport
+from .increment.settings import StepSettings, settings_of
+from .increment.system import ContactSystem
 
 
 class FrictionalContactProblem(ContactSystem):

@@ -13,10 +13,10 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from bodies import stack
-from fenicsx_friction.base import schur
-from fenicsx_friction.system.boundary_matrix import BoundaryMatrix
-from fenicsx_friction.system.contact_terms import ContactTerms
-from fenicsx_friction.system.linear_bulk import LinearBulk
+from fenicsx_friction.equations.contact_terms import ContactTerms
+from fenicsx_friction.solvers import schur
+from fenicsx_friction.solvers.boundary_matrix import BoundaryMatrix
+from fenicsx_friction.solvers.linear_bulk import LinearBulk
 from models import Raous, block, by_place, raous, tagged_facets, with_contact
 
 BLOCK = [(0.0, 0.0, -0.01), (0.004, 0.002, -0.01), (-0.004, 0.001, -0.012), (0.0, 0.0, 0.01)]

@@ -7,9 +7,9 @@ import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
+from fenicsx_friction.equations import contact_terms
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
 from fenicsx_friction.obstacles.node_to_face import NodeToFace
-from fenicsx_friction.system import contact_terms
 from models import gathered, with_contact
 
 FLAT = {

@@ -12,8 +12,8 @@ from dolfinx import fem
 
 import fenicsx_friction as ff
 from bodies import stack
+from fenicsx_friction.equations.contact_terms import ContactTerms
 from fenicsx_friction.increment import correctors
-from fenicsx_friction.system.contact_terms import ContactTerms
 from models import block
 
 PACKAGE = str(Path(ff.__file__).parent)

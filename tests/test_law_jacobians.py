@@ -5,7 +5,7 @@ import pytest
 
 import fenicsx_friction as ff
 from dragged import DEPTH, LAWS, dragged
-from fenicsx_friction.system import contact_terms
+from fenicsx_friction.equations import contact_terms
 from fenicsx_friction.verification.jacobian import check_jacobian
 
 

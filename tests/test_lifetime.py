@@ -8,7 +8,7 @@ import pytest
 import fenicsx_friction as ff
 from bodies import stack
 from fenicsx_friction.laws import rows
-from fenicsx_friction.system import condensing, newton
+from fenicsx_friction.solvers import condensing, newton
 from models import raous
 
 

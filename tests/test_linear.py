@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import fenicsx_friction as ff
-from fenicsx_friction.system.linear import (
+from fenicsx_friction.solvers.linear import (
     factor_failure,
     forget_factor,
     out_of_memory,

@@ -9,7 +9,7 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from bodies import stack
-from fenicsx_friction.system.noise import rounding_errors
+from fenicsx_friction.equations.noise import rounding_errors
 from models import tagged_facets
 from rectangles import body, turned
 

@@ -8,8 +8,8 @@ import pytest
 import fenicsx_friction as ff
 from fenicsx_friction import laws
 from fenicsx_friction.contact.slip_corrector import freeze_stick, has_false_root
+from fenicsx_friction.equations import contact_terms
 from fenicsx_friction.laws import rows
-from fenicsx_friction.system import contact_terms
 from fenicsx_friction.verification.exact import ExactReference
 from models import block, gathered, raous
 

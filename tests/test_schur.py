@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fenicsx_friction as ff
-from fenicsx_friction.base import schur
+from fenicsx_friction.solvers import schur
 from models import block, with_contact
 
 

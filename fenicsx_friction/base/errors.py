@@ -17,7 +17,7 @@ class StepFailed(RuntimeError):
     It can be pickled with its report, as pools of processes do.
 
     Attributes:
-        report: The :class:`~fenicsx_friction.system.report.StepReport` of the failed step.
+        report: The :class:`~fenicsx_friction.increment.report.StepReport` of the failed step.
     """
 
     def __init__(self, message: str, report: object):

@@ -14,14 +14,15 @@ from dolfinx import fem
 from ..base.errors import ContactInputError, StepFailed
 from ..base.log import tell
 from ..contact.checks import check_friction, check_metrics, check_normals
-from ..system.conditions import missed_values
-from ..system.forces import MISSED
-from ..system.report import StepReport, SubstepReport
-from ..system.system import ContactSystem
+from ..equations.conditions import missed_values
+from ..equations.forces import MISSED
+from ..solvers.report import SubstepReport
 from . import snapshot
 from .correctors import CONDENSED_FALLBACKS, FALLBACKS, Attempt, correct, newton_tolerance, polish
 from .crossed import crossed_nodes
 from .diagnosis import explain, explain_not_finite
+from .report import StepReport
+from .system import ContactSystem
 
 #: Searches for the faces that nodes meet, each but the last followed by a solve.
 MAX_SEARCHES = 6

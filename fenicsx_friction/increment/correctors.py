@@ -8,9 +8,9 @@ from mpi4py import MPI
 import numpy as np
 
 from ..contact.slip_corrector import freeze_stick, has_false_root
-from ..system.report import SubstepReport
-from ..system.system import ContactSystem
+from ..solvers.report import SubstepReport
 from . import snapshot
+from .system import ContactSystem
 
 #: Newton stops at this fraction of the certificate's tolerance.
 NEWTON_TOLERANCE = 1e-2

@@ -5,7 +5,7 @@ import numpy as np
 
 from ..certificate.nodal_state import OPEN
 from ..surfaces.naming import named
-from ..system.system import ContactSystem
+from .system import ContactSystem
 
 
 def crossed_nodes(system: ContactSystem) -> list[str]:

@@ -9,9 +9,10 @@ import numpy as np
 
 from ..certificate.certificate import Certificate
 from ..certificate.nodal_state import STATE_NAMES
+from ..solvers.report import SubstepReport
 from ..surfaces.naming import NODES_NAMED, describe
-from ..system.report import StepReport, SubstepReport
-from ..system.system import ContactSystem
+from .report import StepReport
+from .system import ContactSystem
 
 #: Substeps of a failed step that are listed one by one.
 SUBSTEPS_NAMED = 8

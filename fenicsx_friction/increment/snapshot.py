@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from ..system.system import ContactSystem
+from .system import ContactSystem
 
 Snapshot = list[npt.NDArray[np.floating]]
 

@@ -18,8 +18,8 @@ from ..base.domains import check_terminals
 from ..base.errors import ContactInputError
 from ..base.literals import lifted_form
 from ..base.validators import instance
+from ..equations.assembly import assemble_owned
 from ..problem import FrictionalContactProblem
-from ..system.assembly import assemble_owned
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass
 
-from ..system.report import StepReport
+from ..increment.report import StepReport
 from .energy import EnergyBalance
 from .events import Event
 

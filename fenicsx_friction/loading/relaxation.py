@@ -16,7 +16,7 @@ from ufl.core.expr import Expr
 
 from ..base.errors import ContactInputError, StepFailed
 from ..base.validators import instance
-from ..system.report import StepReport
+from ..increment.report import StepReport
 
 if TYPE_CHECKING:
     from ..problem import FrictionalContactProblem

@@ -10,9 +10,9 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..base.collective import on_all_ranks
+from ..increment.report import StepReport
 from ..increment.snapshot import ProblemSnapshot
 from ..problem import FrictionalContactProblem
-from ..system.report import StepReport
 from .energy import EnergyAudit, EnergyBalance
 from .failures import Inaccurate
 from .record import FailedAttempt

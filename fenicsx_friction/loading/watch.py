@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..certificate.nodal_state import STATE_NAMES
+from ..increment.system import ContactSystem
+from ..solvers.report import SubstepReport
 from ..surfaces.naming import NODES_NAMED, describe
-from ..system.report import SubstepReport
-from ..system.system import ContactSystem
 
 #: Newton iterations that are recorded.
 WATCHED_ITERATIONS = 12

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..increment import snapshot
 from ..problem import FrictionalContactProblem
-from ..system.substep import Substep
+from ..solvers.substep import Substep
 
 Array = npt.NDArray[np.floating]
 

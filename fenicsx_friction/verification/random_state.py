@@ -12,9 +12,9 @@ from dolfinx import fem
 
 from ..certificate.nodal_state import OPEN, STICK, UNLIMITED
 from ..contact.contact import Contact
+from ..equations.conditions import constrained
 from ..increment import snapshot
 from ..problem import FrictionalContactProblem
-from ..system.conditions import constrained
 
 Array = npt.NDArray[np.floating]
 

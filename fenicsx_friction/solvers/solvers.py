@@ -13,9 +13,9 @@ import numpy as np
 
 from ..base.errors import ContactInputError
 from ..base.log import tell
-from ..base.schur import FactorFailed
 from .boundary_newton import BoundaryNewton
 from .newton import Newton
+from .schur import FactorFailed
 
 #: Up to so many displacements in contact, solving on the boundary is the cheaper way.
 MOST_DOFS = 4000

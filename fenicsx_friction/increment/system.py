@@ -18,17 +18,18 @@ from ..base.literals import lifted_form
 from ..certificate.certificate import Certificate, certify
 from ..certificate.nodal_state import NodalState
 from ..contact.contact import Contact
+from ..equations.assembly import assemble_owned, weakly
+from ..equations.conditions import constrained_dofs, missed_values
+from ..equations.contact_terms import ContactTerms
+from ..equations.forces import ForceScales
+from ..equations.numbering import num_owned
+from ..solvers.condensing import solvers_of
+from ..solvers.report import SubstepReport
+from ..solvers.substep import Substep, substeps
 from ..surfaces.measures import share_facet_data
-from .assembly import assemble_owned, weakly
-from .condensing import solvers_of
-from .conditions import constrained_dofs, missed_values
-from .contact_terms import ContactTerms
-from .forces import ForceScales
-from .numbering import num_owned
-from .report import ContactReport, SubstepReport
+from .report import ContactReport
 from .set_up import claim_motions, further_equations, set_up_contacts, stiffness_of
 from .settings import StepSettings, settings_of
-from .substep import Substep, substeps
 from .totals import total
 
 

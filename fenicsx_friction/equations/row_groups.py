@@ -15,7 +15,7 @@ from ..base.collective import largest_of_ranks
 from ..certificate.groups import Array, Groups, Labels
 from ..contact.contact import Contact
 from .conditions import constrained_dofs
-from .equations import FurtherEquation
+from .further_equation import FurtherEquation
 from .numbering import num_owned
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Newton's method on the dofs of contact alone, for a bulk that is linear.
 
-To a substep it is what :class:`~fenicsx_friction.system.newton.Newton` is: the same SNES, line
+To a substep it is what :class:`~fenicsx_friction.solvers.newton.Newton` is: the same SNES, line
 searches and convergence test. An iteration costs a dense solve.
 """
 
@@ -13,9 +13,9 @@ from petsc4py import PETSc
 
 from dolfinx import fem
 
+from ..equations.contact_terms import Law
+from ..equations.forces import ForceScales
 from .boundary import BoundaryEquations
-from .contact_terms import Law
-from .forces import ForceScales
 from .options import set_up
 
 

@@ -22,12 +22,12 @@ from ufl.algorithms.analysis import extract_constants
 
 from ..base.collective import any_rank, gather_rows, largest_of_ranks
 from ..base.compilation import compiled
-from ..base.schur import FactorFailed, InnerFactor, add_diagonal, inner_factor
 from ..contact.contact import Contact
-from .conditions import constrained_dofs, with_conditions
+from ..equations.conditions import constrained_dofs, with_conditions
+from ..equations.numbering import contact_dofs, global_dofs, held_rows, num_owned
 from .linear import MORE_WORKSPACE, WORKSPACE
-from .numbering import contact_dofs, global_dofs, held_rows, num_owned
 from .options import inside
+from .schur import FactorFailed, InnerFactor, add_diagonal, inner_factor
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]

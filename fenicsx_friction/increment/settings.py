@@ -30,7 +30,7 @@ class StepSettings:
         solver: ``"condensed"``: the bulk is factored once and contact solved on its boundary, for
             bulks that are linear in their unknowns; ``"full"``: the whole system in each iteration;
             ``"auto"``: condensed where it can be, up to
-            :data:`~fenicsx_friction.system.solvers.MOST_DOFS` dofs of the contact surfaces.
+            :data:`~fenicsx_friction.solvers.solvers.MOST_DOFS` dofs of the contact surfaces.
         raise_on_uncertified: Raise :class:`~fenicsx_friction.StepFailed`, or else return the report
             with ``certified == False``. The state is the last accepted one either way.
     """

@@ -21,7 +21,7 @@ from .bodies import link_bodies, number_bodies
 from .boundary_measure import BoundaryMeasure
 from .conditions import with_conditions
 from .contact_terms import ContactTerms
-from .equations import FurtherEquation
+from .further_equation import FurtherEquation
 from .noise import rounding_errors
 from .row_groups import RowGroups
 

@@ -7,20 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 
 from petsc4py import PETSc
 
+import numpy as np
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import default_scalar_type, fem, mesh
 from ufl.algorithms import expand_derivatives, extract_coefficients
 
+from ..base.collective import any_rank
 from ..base.compat import jacobian_blocks
 from ..contact.contact import Contact
+from ..equations.contact_terms import ContactTerms
+from ..equations.forces import ForceScales
 from .boundary import BoundaryEquations
 from .boundary_newton import BoundaryNewton
-from .contact_terms import ContactTerms
-from .forces import ForceScales
 from .linear_bulk import Array, LinearBulk
 from .newton import Newton
 from .options import DEFAULT_OPTIONS
-from .set_up import options_for, place
 from .solvers import Solvers
 
 #: Options of a user that start so ask for another way to solve the whole system.
@@ -100,3 +101,23 @@ def solvers_of(
     bulk = LinearBulk(tangents, unknowns, bcs, entity_maps, contacts, residuals, *settings)
     equations = BoundaryEquations(bulk, state, contacts, bcs)
     return Solvers(full, BoundaryNewton(equations, state, options, scales))
+
+
+def options_for(
+    contacts: Sequence[Contact], options: Mapping[str, object] | None
+) -> dict[str, object]:
+    """Return the PETSc options, with those that nodes of several contacts need; collective.
+
+    Their multipliers are redundant where they stick: MUMPS then finds pivots that vanish, and takes
+    one of the solutions.
+    """
+    nodes = np.concatenate([np.unique(k.parent_dofs) for k in contacts])
+    shared = any_rank(contacts[0].surface.mesh.comm, len(np.unique(nodes)) < len(nodes))
+    return {**({"mat_mumps_icntl_24": 1} if shared else {}), **(options or {})}
+
+
+def place(contact: Contact) -> ufl.Form:
+    """Return a form that holds the place of the rows of contact, which no form assembles."""
+    nothing = fem.Constant(contact.surface.mesh, default_scalar_type(0.0))
+    q = ufl.TestFunction(contact.surface.Q)
+    return nothing * ufl.inner(contact.c, q) * contact.surface.measure()

@@ -17,8 +17,8 @@ from ufl.core.expr import Expr
 from ..base.errors import OutOfMemory
 from ..base.log import tell
 from ..contact.contact import Contact
+from ..equations.contact_terms import Law
 from .boundary_newton import BoundaryNewton
-from .contact_terms import Law
 from .convergence import Progress
 from .linear import (
     MORE_WORKSPACE,

@@ -10,8 +10,8 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assign
 
 from ..base.keeping import ErrorKeeper
+from ..equations.contact_terms import ContactTerms, Law
 from ..obstacles.kinematics import Array
-from .contact_terms import ContactTerms, Law
 
 
 class Callbacks:

@@ -1,25 +1,24 @@
 # SPDX-License-Identifier: MIT
 """What is made once, before the first step: stiffness, contacts, further equations."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import ufl
-from dolfinx import default_scalar_type, fem, mesh
+from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
 
-from ..base.collective import any_rank
 from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from ..contact.checks import check_normals
 from ..contact.contact import Contact
 from ..contact.sides import check_sides
+from ..equations.conditions import constrained
+from ..equations.further_equation import FurtherEquation
 from ..obstacles.motion import RigidMotion
-from .conditions import constrained
-from .equations import FurtherEquation
 
 
 def stiffness_of(
@@ -97,23 +96,3 @@ def further_equations(
         FurtherEquation(block, unknown, unknowns, stiffest, bcs, entity_maps)
         for block, unknown in zip(blocks, unknowns[1:], strict=True)
     ]
-
-
-def options_for(
-    contacts: Sequence[Contact], options: Mapping[str, object] | None
-) -> dict[str, object]:
-    """Return the PETSc options, with those that nodes of several contacts need; collective.
-
-    Their multipliers are redundant where they stick: MUMPS then finds pivots that vanish, and takes
-    one of the solutions.
-    """
-    nodes = np.concatenate([np.unique(k.parent_dofs) for k in contacts])
-    shared = any_rank(contacts[0].surface.mesh.comm, len(np.unique(nodes)) < len(nodes))
-    return {**({"mat_mumps_icntl_24": 1} if shared else {}), **(options or {})}
-
-
-def place(contact: Contact) -> ufl.Form:
-    """Return a form that holds the place of the rows of contact, which no form assembles."""
-    nothing = fem.Constant(contact.surface.mesh, default_scalar_type(0.0))
-    q = ufl.TestFunction(contact.surface.Q)
-    return nothing * ufl.inner(contact.c, q) * contact.surface.measure()

@@ -15,10 +15,10 @@ from dolfinx import fem
 from ..base.collective import gather_rows
 from ..base.keeping import ErrorKeeper
 from ..contact.contact import Contact
+from ..equations.contact_terms import ContactTerms, Law
+from ..equations.numbering import num_owned, spread
 from .boundary_matrix import BoundaryMatrix, Elements
-from .contact_terms import ContactTerms, Law
 from .linear_bulk import LinearBulk
-from .numbering import num_owned, spread
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]

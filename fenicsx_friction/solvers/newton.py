@@ -14,8 +14,8 @@ from dolfinx.fem.petsc import assign
 from ..base.compat import jacobian_blocks
 from ..base.compilation import NonlinearProblem, compiled
 from ..base.keeping import ErrorKeeper
-from .contact_terms import ContactTerms, Law
-from .forces import ForceScales
+from ..equations.contact_terms import ContactTerms, Law
+from ..equations.forces import ForceScales
 from .linear import forget_factor, require_solver
 from .options import DEFAULT_OPTIONS, effective, set_up
 from .snes_callbacks import Callbacks

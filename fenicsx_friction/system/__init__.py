@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""The equations of a problem: what assembles, measures, solves and certifies them."""
