@@ -23,7 +23,7 @@ from ufl.core.expr import Expr
 from ..base.collective import any_rank
 from ..base.errors import ContactInputError
 from ..contact.contact import Contact
-from ..obstacles.kinematics import Array, frame_slopes
+from ..obstacles.kinematics import Array, frame_slopes, frames
 from ..surfaces.nodal_kernel import NodalKernel
 from ..surfaces.surface import has_vertex_dofs
 from .conditions import constrained_dofs, with_conditions
@@ -119,21 +119,29 @@ class ContactTerms:
         return np.asarray(values)
 
     def residuals(self, law: Law) -> list[Array]:
-        """Return the rows of the laws times the nodal areas, one array for each contact."""
-        self.update()
+        """Return the rows of the laws times the nodal areas, one array for each contact.
+
+        They are those of the last :meth:`update`.
+        """
         return [
             kernel.values() * k.nodal_area()[:, None]
             for k, kernel in zip(self._contacts, law.kernels, strict=True)
         ]
 
     def add_residual(self, b: PETSc.Vec, law: Law) -> None:
-        """Add to an assembled residual, with Dirichlet values lifted as in the forms."""
+        """Add forces and rows to an assembled residual."""
         self._add_forces(b, "free")
         c_rows = self._rows[len(self._rows) - len(self._contacts) :]
         for k, values, rows in zip(self._contacts, self.residuals(law), c_rows, strict=True):
             _add(b, k.pairing.side.nodal_entries(rows), values)
+        b.assemble()
+
+    def lift(self, b: PETSc.Vec, law: Law) -> None:
+        """Lift Dirichlet values that the unknowns do not have yet, as in the forms.
+
+        Until Newton reaches a prescribed value, its missing part acts on the neighbours.
+        """
         missing = [with_conditions(f, self._bcs) - f.x.array for f in self._unknowns]
-        # Until Newton reaches a prescribed value, its missing part acts on the neighbours.
         if any_rank(self._comm, any(bool(np.any(m != 0.0)) for m in missing)):
             for i, (matrix, rows) in enumerate(
                 zip(self.matrices(law), self.columns(law), strict=True)
@@ -205,7 +213,8 @@ def _element_matrices(k: Contact, kernel: NodalKernel) -> Array:
     slopes, weight_slopes = k.pairing.derivatives()
     by_field, by_c, *by_others = kernel.derivatives()
     n, z = len(values), slopes.shape[2]
-    frame, weights, traction = k.pairing.frames(), k.pairing.weights(), k.pairing.traction()
+    frame, weights = frames(values, d), k.pairing.weights()
+    traction = np.einsum("nk,nkd->nd", k.multipliers(), frame)
     slope = np.einsum("nk,nkdz->ndz", k.multipliers(), frame_slopes(values, slopes, d))
     sizes = [z, d, *(a.shape[2] for a in by_others)]
     matrix = np.zeros((n, sum(sizes), sum(sizes)))

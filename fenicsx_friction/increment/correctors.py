@@ -18,13 +18,13 @@ NEWTON_TOLERANCE = 1e-2
 STAGE_TOLERANCE = 1e-6
 #: Smallest blend ``xi`` before 0, and the finest reduction of ``xi`` tried.
 SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
-#: Smallest smoothing before 0, relative to the expected traction.
-SMALLEST_EPS = 1e-9
+#: Smoothing of the first stage, and the smallest before 0, relative to the expected traction.
+FIRST_EPS, SMALLEST_EPS = 0.1, 1e-9
 #: Smallest part of the increment that one step of the continuation follows.
 SMALLEST_CONTINUATION = 1e-4
 #: Smallest part of the friction that is added in one stage.
 SMALLEST_REDUCTION = 1e-3
-#: After a stage with at most this many iterations, ``xi`` falls faster.
+#: After a stage with at most this many iterations, ``xi`` and ``eps`` fall faster.
 EASY_STAGE = 1
 
 
@@ -59,11 +59,10 @@ FALLBACKS = (
     Attempt("ramp", "bt", max_it=60, predictor_iterations=4),
 )
 
-#: The same on the boundary, where a try costs little: the surest ones first.
+#: The same on the boundary, where a try costs little: the surest one first.
 CONDENSED_FALLBACKS = (
-    Attempt("projection", "bt", max_it=40, predictor_iterations=4),
     Attempt("smoothing"),
-    *(a for a in FALLBACKS[1:] if a.corrector != "smoothing"),
+    *(a for a in FALLBACKS if a.corrector != "smoothing"),
 )
 
 
@@ -76,21 +75,25 @@ def correct(system: ContactSystem, attempt: Attempt, forces: float) -> list[Subs
     """Predict with stick, correct, then solve the natural map; the unknowns hold the result."""
     if attempt.corrector in WITHOUT_PREDICTOR:
         return WITHOUT_PREDICTOR[attempt.corrector](system, forces)
-    start = snapshot.save(system.state)
     eps = system.settings.smoothing * _expected_traction(system, forces)
-    iterations = attempt.predictor_iterations
-    if iterations is None:
-        iterations = system.settings.predictor_iterations
-    reports = []
-    if iterations > 0:
-        predictor = system.run(system.stick, STAGE_TOLERANCE, eps=eps, max_it=iterations)
-        if not np.all(np.isfinite(predictor.residuals)) or "LINEAR" in predictor.reason:
-            snapshot.restore(system.state, start)
-        reports.append(predictor)
+    reports = _predict(system, eps, attempt.predictor_iterations)
     if attempt.corrector == "ramp":
         reports += _ramp(system, attempt, eps)
     reports.append(polish(system, attempt))
     return reports
+
+
+def _predict(system: ContactSystem, eps: float, iterations: int | None) -> list[SubstepReport]:
+    """Let all closed nodes stick, in at most so many iterations, else those of the settings."""
+    if iterations is None:
+        iterations = system.settings.predictor_iterations
+    if iterations == 0:
+        return []
+    start = snapshot.save(system.state)
+    report = system.run(system.stick, STAGE_TOLERANCE, eps=eps, max_it=iterations)
+    if not np.all(np.isfinite(report.residuals)) or "LINEAR" in report.reason:
+        snapshot.restore(system.state, start)
+    return [report]
 
 
 def polish(system: ContactSystem, attempt: Attempt) -> SubstepReport:
@@ -138,20 +141,32 @@ def _ramp(system: ContactSystem, attempt: Attempt, eps: float) -> list[SubstepRe
 
 
 def _smooth(system: ContactSystem, forces: float) -> list[SubstepReport]:
-    """Solve the projection rows with ``eps`` from the size of the tractions down to zero."""
-    reports: list[SubstepReport] = []
+    """Solve the projection rows with ``eps`` from a part of the tractions down to zero.
+
+    The more is smoothed, the easier is the first stage, and the longer the way.
+    """
     largest = _expected_traction(system, forces)
-    last = eps = largest
-    reduction, good = 0.1, snapshot.save(system.state)
+    reports = _predict(system, system.settings.smoothing * largest, None)
+    good, last = snapshot.save(system.state), largest
+    eps, reduction, begun = FIRST_EPS * largest, 0.1, False
     while eps > 0.0 and reduction < FINEST_REDUCTION:
         report = system.run(
-            system.projection, STAGE_TOLERANCE, eps=eps, line_search="bt", max_it=40
+            system.projection,
+            STAGE_TOLERANCE,
+            eps=eps,
+            line_search="bt",
+            max_it=40 if begun else 20,
         )
         reports.append(report)
         if report.converged:
-            good, last = snapshot.save(system.state), eps
+            good, last, begun = snapshot.save(system.state), eps, True
+            if report.iterations <= EASY_STAGE:
+                reduction = reduction**2
         else:
             snapshot.restore(system.state, good)
+            if not begun and eps < largest:
+                eps = min(10.0 * eps, largest)
+                continue
             reduction = np.sqrt(reduction)
         eps = last * reduction if last * reduction > SMALLEST_EPS * largest else 0.0
     reports.append(

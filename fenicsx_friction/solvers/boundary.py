@@ -17,7 +17,8 @@ from ..base.keeping import ErrorKeeper
 from ..contact.contact import Contact
 from ..equations.contact_terms import ContactTerms, Law
 from ..equations.numbering import num_owned, spread
-from .boundary_matrix import BoundaryMatrix, Elements
+from .boundary_matrix import BoundaryMatrix
+from .eliminated import Elements
 from .linear_bulk import LinearBulk
 
 Array = npt.NDArray[np.floating]

@@ -110,6 +110,7 @@ class Callbacks:
             self._form_residual(x, b)
             assert self.law is not None
             self._terms.add_residual(b, self.law)
+            self._terms.lift(b, self.law)
             b.array[:] *= self._row_scale
 
     def _call_jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:

@@ -125,23 +125,22 @@ class _Copies(Replacing):
     def __init__(self, surface: ContactSurface, points: Points) -> None:
         super().__init__()
         self._surface, self._points, self._version = surface, points, 1
-        self._sources: list[tuple[Any, Callable[[], Array]]] = []
+        self._sources: list[tuple[Array, Callable[[], Array]]] = []
 
     def refresh(self) -> int:
         """Copy the values of now; return a number that changes with them; collective."""
-        for copy, source in self._sources:
-            now = np.asarray(source())
-            kept = copy.value if isinstance(copy, fem.Constant) else copy.x.array
-            if now.size and not np.array_equal(kept.ravel(), now.ravel()):
+        for kept, source in self._sources:
+            now = np.ravel(source())
+            if now.size and (kept != now).any():
                 self._version += 1  # first, for an interrupt may come
-                kept[...] = now.reshape(kept.shape)
+                kept[:] = now
         return self._version
 
     def replacement(self, o: Any) -> Expr | None:
         """Return the copy of a terminal, or of a derivative."""
         if isinstance(o, fem.Constant):
             copy = fem.Constant(self._points.mesh, np.zeros(o.ufl_shape, dtype=default_scalar_type))
-            self._sources.append((copy, lambda: o.value))
+            self._sources.append((copy.value.reshape(-1), lambda: o.value))
             return copy
         if isinstance(o, fem.Function):
             return self._field(o, self._vertex_values(o))
@@ -165,7 +164,7 @@ class _Copies(Replacing):
         """Return a Function of the points that holds a terminal's nodal values."""
         copy = self._points.function(o.ufl_shape)
         source = values or self._surface.evaluator(ufl.as_vector(_entries(o)))
-        self._sources.append((copy, source))
+        self._sources.append((copy.x.array, source))
         return copy
 
     def _vertex_values(self, f: fem.Function) -> Callable[[], Array] | None:

@@ -48,6 +48,7 @@ def compare(
     def residual(t: float) -> list[Array]:
         """Assemble the residual there, without boundary conditions."""
         move(t)
+        problem.terms.update()
         contact = [values.ravel() for values in problem.terms.residuals(substep.law)]
         return [problem.assemble_momentum(), *problem.assemble_others(), *contact]
 
