@@ -18,8 +18,8 @@ NEWTON_TOLERANCE = 1e-2
 STAGE_TOLERANCE = 1e-6
 #: Smallest blend ``xi`` before 0, and the finest reduction of ``xi`` tried.
 SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
-#: Smoothing of the first stage, and the smallest before 0, relative to the expected traction.
-FIRST_EPS, SMALLEST_EPS = 0.1, 1e-9
+#: Smallest smoothing before 0, relative to the expected traction.
+SMALLEST_EPS = 1e-9
 #: Smallest part of the increment that one step of the continuation follows.
 SMALLEST_CONTINUATION = 1e-4
 #: Smallest part of the friction that is added in one stage.
@@ -141,32 +141,22 @@ def _ramp(system: ContactSystem, attempt: Attempt, eps: float) -> list[SubstepRe
 
 
 def _smooth(system: ContactSystem, forces: float) -> list[SubstepReport]:
-    """Solve the projection rows with ``eps`` from a part of the tractions down to zero.
-
-    The more is smoothed, the easier is the first stage, and the longer the way.
-    """
+    """Solve the projection rows with ``eps`` from the size of the tractions down to zero."""
     largest = _expected_traction(system, forces)
     reports = _predict(system, system.settings.smoothing * largest, None)
-    good, last = snapshot.save(system.state), largest
-    eps, reduction, begun = FIRST_EPS * largest, 0.1, False
+    last = eps = largest
+    reduction, good = 0.1, snapshot.save(system.state)
     while eps > 0.0 and reduction < FINEST_REDUCTION:
         report = system.run(
-            system.projection,
-            STAGE_TOLERANCE,
-            eps=eps,
-            line_search="bt",
-            max_it=40 if begun else 20,
+            system.projection, STAGE_TOLERANCE, eps=eps, line_search="bt", max_it=40
         )
         reports.append(report)
         if report.converged:
-            good, last, begun = snapshot.save(system.state), eps, True
+            good, last = snapshot.save(system.state), eps
             if report.iterations <= EASY_STAGE:
                 reduction = reduction**2
         else:
             snapshot.restore(system.state, good)
-            if not begun and eps < largest:
-                eps = min(10.0 * eps, largest)
-                continue
             reduction = np.sqrt(reduction)
         eps = last * reduction if last * reduction > SMALLEST_EPS * largest else 0.0
     reports.append(
