@@ -8,7 +8,7 @@ from .certificate.nodal_state import OPEN, SLIP, STICK
 from .contact.contact import Contact
 from .files.checkpoint import read_checkpoint, write_checkpoint
 from .files.fields import ContactFields
-from .increment.report import ContactReport, StepReport
+from .increment.report import ContactReport, OtherSolution, StepReport
 from .increment.settings import StepSettings
 from .laws import bulk
 from .laws.friction import (
@@ -64,6 +64,7 @@ __all__ = [
     "JacobianReport",
     "LoadStepper",
     "OrthotropicCoulomb",
+    "OtherSolution",
     "OutOfMemory",
     "PermanentStick",
     "RigidCylinder",

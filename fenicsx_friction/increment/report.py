@@ -33,6 +33,21 @@ class ContactReport:
 
 
 @dataclass(frozen=True)
+class OtherSolution:
+    """Another certified solution of a step, which was not taken.
+
+    Attributes:
+        contacts: Totals of each contact.
+        force_difference: Largest difference of a contact's force from the one taken (N).
+        traction_difference: Largest difference of a node's traction (Pa).
+    """
+
+    contacts: tuple[ContactReport, ...]
+    force_difference: float
+    traction_difference: float
+
+
+@dataclass(frozen=True)
 class StepReport:
     """The report of one step.
 
@@ -44,6 +59,7 @@ class StepReport:
         certificate: The certificate of the final state.
         factorisations: How many bulks were factored for condensed substeps; a full iteration
             factors the whole system.
+        others: Further solutions that were found, see ``StepSettings.look_for_others``.
         solver: ``condensed`` or ``full``, see :class:`SubstepReport`: what led to the final state.
     """
 
@@ -54,6 +70,7 @@ class StepReport:
     certificate: Certificate
     factorisations: int = 0
     solver: str = "full"
+    others: tuple[OtherSolution, ...] = ()
 
     @property
     def iterations(self) -> int:

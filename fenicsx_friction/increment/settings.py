@@ -31,6 +31,10 @@ class StepSettings:
             bulks that are linear in their unknowns; ``"full"``: the whole system in each iteration;
             ``"auto"``: condensed where it can be, up to
             :data:`~fenicsx_friction.solvers.solvers.MOST_DOFS` dofs of the contact surfaces.
+        look_for_others: Look for further solutions of each step from other starts, take the one
+            nearest to the last accepted state, and warn. ``None``: on the boundary, where a
+            friction limit at unit pressure is above
+            :data:`~fenicsx_friction.increment.others.MUCH_FRICTION`.
         raise_on_uncertified: Raise :class:`~fenicsx_friction.StepFailed`, or else return the report
             with ``certified == False``. The state is the last accepted one either way.
     """
@@ -44,6 +48,7 @@ class StepSettings:
     normal: Literal["chen-mangasarian", "fischer-burmeister", "min"] = "chen-mangasarian"
     fallbacks: int | None = None
     solver: Literal["auto", "condensed", "full"] = "auto"
+    look_for_others: bool | None = None
     raise_on_uncertified: bool = True
 
     def __post_init__(self) -> None:
@@ -58,6 +63,8 @@ class StepSettings:
         number(self.smoothing, "smoothing", at_least=0.0)
         if self.fallbacks is not None:
             integer(self.fallbacks, "fallbacks (None for all)", at_least=0)
+        if self.look_for_others is not None:
+            flag(self.look_for_others, "look_for_others (or None)")
         flag(self.raise_on_uncertified, "raise_on_uncertified")
 
 

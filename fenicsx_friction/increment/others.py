@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: MIT
+"""Further solutions of a step: with much friction, there may be several, each of them exact.
+
+They are looked for from other starts. Of those found, the one nearest to the last accepted state is
+taken: the contact nodes move least. That no other is found is no proof that there is none.
+"""
+
+import warnings
+from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+
+import numpy as np
+
+from ..base.collective import any_rank, largest_of_ranks
+from ..certificate.groups import Array
+from . import snapshot
+from .correctors import Attempt
+from .report import OtherSolution, StepReport
+from .system import ContactSystem
+from .trial import Trials, Way
+
+#: Starts from which solutions are looked for: sticking, as it was, smoothed, without friction.
+STARTS = (
+    Attempt("projection"),
+    Attempt("projection", predictor_iterations=0),
+    Attempt("smoothing"),
+    Attempt("friction"),
+)
+#: Coefficients of friction above this make steps on the boundary look for other solutions.
+MUCH_FRICTION = 5.0
+#: Displacements and tractions this far apart, relative to the largest, are two solutions.
+APART = 1e-6
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """A certified state and what is compared: displacements (m) and tractions (Pa), local."""
+
+    report: StepReport
+    state: snapshot.ProblemSnapshot
+    u: Array
+    tractions: Array
+    moved: float
+
+
+def wanted(system: ContactSystem, way: Way) -> bool:
+    """Tell whether a step that was solved in this way asks for other solutions; collective."""
+    asked = system.settings.look_for_others
+    if asked is not None:
+        return asked
+    if way.attempt is None or not way.condensed:
+        return False
+    friction = [np.max(k.friction_at_unit_pressure(), initial=0.0) for k in system.contacts]
+    return any_rank(system.comm, bool(max(friction) > MUCH_FRICTION))
+
+
+def choose(trials: Trials, way: Way, report: StepReport) -> StepReport:
+    """Look for other solutions, put the nearest one into the unknowns, report; collective."""
+    system = trials.system
+    solutions = [_solution(system, report)]
+    for attempt in STARTS:
+        if attempt == way.attempt:
+            continue
+        found = trials.make(Way(attempt, way.condensed, way.forces))
+        if found is not None and found.report.certificate.solved:
+            other = _solution(system, found.report)
+            if all([_apart(system, other, known) for known in solutions]):
+                solutions.append(other)
+    nearest, *further = sorted(solutions, key=lambda s: s.moved)
+    nearest.state.restore()
+    others = tuple(_compared(system, nearest, other) for other in further)
+    if others:
+        _warn(nearest.report, others)
+    return replace(nearest.report, substeps=tuple(trials.substeps), others=others)
+
+
+def _solution(system: ContactSystem, report: StepReport) -> _Solution:
+    """Keep the solution that the unknowns hold."""
+    moved = 0.0
+    for k in system.contacts:
+        side = k.pairing.side
+        way = side.owned(system.u.x.array - system.u_old.x.array)
+        moved += float(np.sum(k.nodal_area()[:, None] * way**2))
+    tractions = np.concatenate([k.pairing.traction() for k in system.contacts])
+    total = system.comm.allreduce(moved, MPI.SUM)
+    state = snapshot.ProblemSnapshot(system)
+    return _Solution(report, state, system.u.x.array.copy(), tractions, total)
+
+
+def _apart(system: ContactSystem, one: _Solution, other: _Solution) -> bool:
+    """Tell whether both displacements and tractions differ; collective.
+
+    Tractions alone may differ where multipliers are redundant, displacements alone by rounding.
+    """
+    moved = (one.u - system.u_old.x.array, other.u - system.u_old.x.array)
+    pairs = (moved, (one.tractions, other.tractions))
+    sizes = [[abs(a - b), np.maximum(abs(a), abs(b))] for a, b in pairs]
+    local = [float(np.max(values, initial=0.0)) for pair in sizes for values in pair]
+    far, largest, pulled, strongest = largest_of_ranks(system.comm, np.array(local))
+    return bool(far > APART * largest and pulled > APART * strongest)
+
+
+def _compared(system: ContactSystem, nearest: _Solution, other: _Solution) -> OtherSolution:
+    """Report another solution beside the nearest one."""
+    difference = np.linalg.norm(other.tractions - nearest.tractions, axis=1)
+    traction = system.comm.allreduce(float(np.max(difference, initial=0.0)), MPI.MAX)
+    pairs = zip(other.report.contacts, nearest.report.contacts, strict=True)
+    force = max(float(np.linalg.norm(np.subtract(a.force, b.force))) for a, b in pairs)
+    return OtherSolution(other.report.contacts, force, traction)
+
+
+def _warn(report: StepReport, others: tuple[OtherSolution, ...]) -> None:
+    """Warn of several solutions."""
+    force, traction = (
+        max(getattr(o, f"{name}_difference") for o in others) for name in ("force", "traction")
+    )
+    warnings.warn(
+        f"Step {report.step} has at least {1 + len(others)} certified solutions, up to "
+        f"{force:.3g} N in the contact force and {traction:.3g} Pa in a nodal traction apart; the "
+        "one nearest to the last accepted state was taken, see report.others.",
+        stacklevel=6,
+    )

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""One try to solve a step in one way: from its start to the certificate."""
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import NamedTuple
+
+from dolfinx import fem
+
+from ..base.log import tell
+from ..equations.conditions import missed_values
+from ..equations.forces import MISSED
+from ..solvers.report import SubstepReport
+from . import snapshot
+from .correctors import Attempt, correct, newton_tolerance, polish
+from .crossed import crossed_nodes
+from .report import StepReport
+from .system import ContactSystem
+
+#: Searches for the faces that nodes meet, each but the last followed by a solve.
+MAX_SEARCHES = 6
+
+
+class Way(NamedTuple):
+    """A way to solve a step.
+
+    Attributes:
+        attempt: The attempt; ``None`` for the present state as it is.
+        condensed: Whether to solve on the boundary.
+        forces: 2-norm of the forces of the step (N).
+    """
+
+    attempt: Attempt | None
+    condensed: bool
+    forces: float
+
+
+class Outcome(NamedTuple):
+    """What a try has led to; the unknowns hold the state.
+
+    Attributes:
+        report: The report.
+        crossed: Names of nodes that went through an obstacle on the way.
+        converged: Whether Newton's method converged.
+    """
+
+    report: StepReport
+    crossed: list[str]
+    converged: bool
+
+
+class Trials:
+    """Tries to solve a step, each from its start.
+
+    Args:
+        system: The system.
+        changed: What tries change, beside the pairs.
+
+    Attributes:
+        system: As given.
+        substeps: The reports of all substeps so far.
+    """
+
+    def __init__(self, system: ContactSystem, changed: Sequence[fem.Function]) -> None:
+        self.system, self._changed, self._start = system, changed, snapshot.save(changed)
+        self.substeps: list[SubstepReport] = []
+        self._made = system.solvers.factorisations
+
+    def restore(self) -> None:
+        """Put the start back."""
+        snapshot.restore(self._changed, self._start)
+
+    def make(self, way: Way) -> Outcome | None:
+        """Solve in one way and certify; ``None`` if the start is not its own solution."""
+        system, attempt = self.system, way.attempt
+        self.restore()
+        if attempt is not None:
+            _close(system, again=bool(self.substeps))
+        elif missed_values(system.unknowns, system.bcs) > MISSED:
+            return None
+        converged = False
+        with system.solvers.use(condensed=way.condensed):
+            if attempt is not None:
+                found = _solve(system, attempt, way.forces)
+                self.substeps += found
+                converged = found[-1].converged
+            elif not system.projection.is_solved(newton_tolerance(system)):
+                return None  # else contact did not change and the state is its own solution
+        if way.condensed:
+            system.solvers.recover()
+        report, crossed = self._judge("condensed" if way.condensed else "full")
+        return Outcome(report, crossed, converged)
+
+    def _judge(self, solver: str) -> tuple[StepReport, list[str]]:
+        """Certify a state; name the nodes that went through an obstacle on the way to it."""
+        system = self.system
+        certificate = system.certify()
+        crossed = crossed_nodes(system) if certificate.solved else []
+        report = StepReport(
+            system.num_steps + 1,
+            system.settings.corrector,
+            tuple(self.substeps),
+            system.contact_reports(),
+            replace(certificate, crossed=len(crossed)),
+            system.solvers.factorisations - self._made,
+            solver,
+        )
+        return report, crossed
+
+
+def _close(system: ContactSystem, *, again: bool) -> None:
+    """Close what touches, before conditions move anything; ``again`` after another attempt."""
+    for k in system.contacts:
+        if again:  # an attempt before has changed the pairs
+            k.anchor()
+        k.close_touching()
+
+
+def _solve(system: ContactSystem, attempt: Attempt, forces: float) -> list[SubstepReport]:
+    """Solve in one way and follow what the nodes meet."""
+    with _scaled(system, attempt.r_factor):
+        substeps = correct(system, attempt, forces)
+        if substeps[-1].converged:
+            substeps += _settle(system, attempt)
+    return substeps
+
+
+def _settle(system: ContactSystem, attempt: Attempt) -> list[SubstepReport]:
+    """Search again for what the nodes meet, and solve again, until nothing changes.
+
+    The certificate is for the result of the last search.
+    """
+    reports: list[SubstepReport] = []
+    for searched in range(MAX_SEARCHES):
+        changed = [k.pairing.search() for k in system.contacts]
+        if not any(changed) or searched == MAX_SEARCHES - 1:
+            break
+        tell(system.comm, logging.DEBUG, "search %d: nodes meet other faces", searched + 1)
+        reports.append(polish(system, attempt))
+        if not reports[-1].converged:
+            break
+    return reports
+
+
+@contextmanager
+def _scaled(system: ContactSystem, factor: float) -> Iterator[None]:
+    """Solve with ``r_p`` multiplied by ``factor``."""
+    kept = [k.r.x.array.copy() for k in system.contacts]
+    for k in system.contacts:
+        k.scale_r(factor)
+    try:
+        yield
+    finally:
+        for k, values in zip(system.contacts, kept, strict=True):
+            k.r.x.array[:] = values
