@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Counts of iterations, compared with those of before: times differ between machines, counts do not.
+"""Counts of iterations, compared with those of before: unlike times, they do not vary.
 
     ./container python3 benchmarks/counts.py [--write]
 
-Each case of `counts.csv` is solved again. It fails if a case takes more than a third more iterations
+Each case of `counts.csv` is solved again. It fails if a case takes over a third more iterations
 (and three) than written there, or is not certified. ``--write`` makes the table anew.
 """
 

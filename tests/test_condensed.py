@@ -1,7 +1,5 @@
 """A linear bulk is factored once; contact is solved on its boundary, with the same result."""
 
-from dataclasses import replace
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -13,43 +11,16 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from bodies import stack
+from both_ways import compare
 from fenicsx_friction.equations.contact_terms import ContactTerms
 from fenicsx_friction.solvers import schur
 from fenicsx_friction.solvers.boundary_matrix import BoundaryMatrix
-from fenicsx_friction.solvers.linear_bulk import LinearBulk
-from models import Raous, block, by_place, raous, tagged_facets, with_contact
+from fenicsx_friction.solvers.condensed_bulk import CondensedBulk
+from models import block, by_place, raous, tagged_facets, with_contact
 
 BLOCK = [(0.0, 0.0, -0.01), (0.004, 0.002, -0.01), (-0.004, 0.001, -0.012), (0.0, 0.0, 0.01)]
 STACK = [(0.0, 0.0, -0.01), (0.01, 0.005, -0.012), (0.0, 0.0, -0.01)]
 RAOUS = [(0.5, 0.5), (1.0, 1.0), (1.0, 0.4), (0.2, 0.2)]
-
-
-def follow(model, path, solver):
-    """Take a model along a path; return the reports and the largest numbers to compare."""
-    problem, step = model.problem, model.load if isinstance(model, Raous) else model.move
-    problem.settings = replace(problem.settings, solver=solver)
-    reports, states = [], []
-    for position in path:
-        step(*position)
-        reports.append(problem.solve())
-        states += [by_place(f) for f in (problem.u, *(k.c for k in problem.contacts))]
-    return reports, states
-
-
-def compare(make, path, tolerance=1e-9):
-    """Solve on the boundary and as a whole; return the reports of the former."""
-    condensed, found = follow(make("condensed_"), path, "condensed")
-    full, right = follow(make("full_"), path, "full")
-    for a, b in zip(condensed, full, strict=True):
-        assert a.certified and b.certified
-        assert (a.solver, b.solver) == ("condensed", "full")
-        assert [(k.stick, k.slip) for k in a.contacts] == [(k.stick, k.slip) for k in b.contacts]
-    kinds = len(found) // len(path)  # displacement, tractions
-    for i in range(kinds):
-        scale = max(np.max(abs(b), initial=0.0) for b in right[i::kinds])
-        for a, b in zip(found[i::kinds], right[i::kinds], strict=True):
-            assert a == pytest.approx(b, abs=tolerance * scale)
-    return condensed
 
 
 # -- the same result ---------------------------------------------------------------------------
@@ -148,7 +119,7 @@ def test_a_changed_bulk_is_factored_again_or_not_believed(change, overlooked, mo
         change(model)
         if overlooked:
             monkeypatch.setattr(
-                LinearBulk, "_dependencies", lambda self: getattr(self, "_made_of", [])
+                CondensedBulk, "_dependencies", lambda self: getattr(self, "_made_of", [])
             )
         model.move(*BLOCK[1])
         report = model.problem.solve()
@@ -171,14 +142,14 @@ def one_entry(S):
 
 @pytest.mark.parametrize("spoil", [negative, one_entry, np.zeros_like])
 def test_a_wrong_schur_complement_is_not_believed(spoil, monkeypatch):
-    original = LinearBulk._factored
+    original = CondensedBulk._factored
 
     def wrong(self, options):
         factor = original(self, options)
         factor.schur = spoil(factor.schur)
         return factor
 
-    monkeypatch.setattr(LinearBulk, "_factored", wrong)
+    monkeypatch.setattr(CondensedBulk, "_factored", wrong)
     found = []
     for solver in ("auto", "full"):
         model = raous(8, 8, 0.1, f"spoilt_{solver}_", solver=solver)
@@ -190,15 +161,6 @@ def test_a_wrong_schur_complement_is_not_believed(spoil, monkeypatch):
 
 
 # -- where it is not possible ------------------------------------------------------------------
-
-
-def test_a_bulk_that_is_not_linear_is_solved_as_a_whole():
-    model = block("hexahedron", 0.3, "neo_", energy="finite")
-    model.move(*BLOCK[0])
-    assert model.problem.solve().solver == "full"
-    model.problem.settings = ff.StepSettings(solver="condensed")
-    with pytest.raises(ff.ContactInputError, match="'condensed': the bulk is not linear"):
-        model.problem.solve()
 
 
 def test_another_linear_solver_of_the_user_is_taken():

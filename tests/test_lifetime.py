@@ -27,7 +27,7 @@ def alive(monkeypatch):
 
     watch(newton, "NonlinearProblem")
     watch(condensing, "BoundaryNewton")
-    watch(condensing, "LinearBulk")
+    watch(condensing, "CondensedBulk")
     gc.disable()
     yield lambda: [problem() is not None for problem in made]
     gc.enable()

@@ -18,8 +18,8 @@ NEWTON_TOLERANCE = 1e-2
 STAGE_TOLERANCE = 1e-6
 #: Smallest blend ``xi`` before 0, and the finest reduction of ``xi`` tried.
 SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
-#: Smallest smoothing before 0, relative to the expected traction.
-SMALLEST_EPS = 1e-9
+#: Smallest smoothing before 0, relative to the expected traction; iterations of the first stage.
+SMALLEST_EPS, FIRST_STAGE = 1e-9, 20
 #: Smallest part of the increment that one step of the continuation follows.
 SMALLEST_CONTINUATION = 1e-4
 #: Smallest part of the friction that is added in one stage.
@@ -141,16 +141,22 @@ def _ramp(system: ContactSystem, attempt: Attempt, eps: float) -> list[SubstepRe
 
 
 def _smooth(system: ContactSystem, forces: float) -> list[SubstepReport]:
-    """Solve the projection rows with ``eps`` from the size of the tractions down to zero."""
+    """Solve the projection rows with ``eps`` from the size of the tractions down to zero.
+
+    Where the first stage does not converge soon, there is no such way.
+    """
     largest = _expected_traction(system, forces)
     reports = _predict(system, system.settings.smoothing * largest, None)
     last = eps = largest
     reduction, good = 0.1, snapshot.save(system.state)
     while eps > 0.0 and reduction < FINEST_REDUCTION:
+        most = FIRST_STAGE if eps == largest else 40
         report = system.run(
-            system.projection, STAGE_TOLERANCE, eps=eps, line_search="bt", max_it=40
+            system.projection, STAGE_TOLERANCE, eps=eps, line_search="bt", max_it=most
         )
         reports.append(report)
+        if eps == largest and not report.converged:
+            return reports
         if report.converged:
             good, last = snapshot.save(system.state), eps
             if report.iterations <= EASY_STAGE:

@@ -16,6 +16,7 @@ from ..solvers.report import SubstepReport
 from . import snapshot
 from .correctors import Attempt, correct, newton_tolerance, polish
 from .crossed import crossed_nodes
+from .rebalance import rebalance
 from .report import StepReport
 from .system import ContactSystem
 
@@ -80,6 +81,8 @@ class Trials:
             _close(system, again=bool(self.substeps))
         elif missed_values(system.unknowns, system.bcs) > MISSED:
             return None
+        if way.condensed and not system.solvers.prepared():
+            return None
         converged = False
         with system.solvers.use(condensed=way.condensed):
             if attempt is not None:
@@ -123,6 +126,8 @@ def _solve(system: ContactSystem, attempt: Attempt, forces: float) -> list[Subst
     with _scaled(system, attempt.r_factor):
         substeps = correct(system, attempt, forces)
         if substeps[-1].converged:
+            substeps += rebalance(system, attempt)
+        if substeps[-1].converged:
             substeps += _settle(system, attempt)
     return substeps
 
@@ -139,6 +144,8 @@ def _settle(system: ContactSystem, attempt: Attempt) -> list[SubstepReport]:
             break
         tell(system.comm, logging.DEBUG, "search %d: nodes meet other faces", searched + 1)
         reports.append(polish(system, attempt))
+        if reports[-1].converged:
+            reports += rebalance(system, attempt)
         if not reports[-1].converged:
             break
     return reports

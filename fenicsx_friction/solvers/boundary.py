@@ -18,8 +18,8 @@ from ..contact.contact import Contact
 from ..equations.contact_terms import ContactTerms, Law
 from ..equations.numbering import num_owned, spread
 from .boundary_matrix import BoundaryMatrix
+from .condensed_bulk import CondensedBulk
 from .eliminated import Elements
-from .linear_bulk import LinearBulk
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -50,7 +50,7 @@ class BoundaryEquations:
 
     def __init__(
         self,
-        bulk: LinearBulk,
+        bulk: CondensedBulk,
         unknowns: Sequence[fem.Function],
         contacts: Sequence[Contact],
         bcs: Sequence[fem.DirichletBC],

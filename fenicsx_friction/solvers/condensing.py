@@ -19,7 +19,7 @@ from ..equations.contact_terms import ContactTerms
 from ..equations.forces import ForceScales
 from .boundary import BoundaryEquations
 from .boundary_newton import BoundaryNewton
-from .linear_bulk import Array, LinearBulk
+from .condensed_bulk import Array, CondensedBulk
 from .newton import Newton
 from .options import DEFAULT_OPTIONS
 from .solvers import Solvers
@@ -30,16 +30,12 @@ OTHER_SOLVERS = ("ksp_", "pc_", "snes_type", "snes_mf", "snes_lag", "npc_")
 
 def obstacle_to_condensing(
     blocks: Sequence[ufl.Form],
-    tangents: Sequence[Sequence[ufl.Form | None]],
     unknowns: Sequence[fem.Function],
     contacts: Sequence[Contact],
     options: Mapping[str, object],
 ) -> str:
     """Say why a bulk cannot be condensed; empty if it can."""
     of_contact = [f for k in contacts for f in (k.c, k.pairing.field)]
-    parts = [J for row in tangents for J in row if J is not None]
-    if any(f in extract_coefficients(J) for J in parts for f in unknowns):
-        return "the bulk is not linear in its unknowns"
     if any(f in extract_coefficients(block) for block in blocks for f in of_contact):
         return "the bulk depends on the contact"
     rows = [e for k in contacts for e in (k.rows.nodal, k.rows.own_row) if e is not None]
@@ -91,14 +87,14 @@ def solvers_of(
         [None if J is None else expand_derivatives(J) for J in row]
         for row in jacobian_blocks(blocks, unknowns)
     ]
-    reason = obstacle_to_condensing(blocks, tangents, unknowns, contacts, options)
+    reason = obstacle_to_condensing(blocks, unknowns, contacts, options)
     if reason or len(unknowns) > 1:
         tangent.destroy()
     if reason:
         return Solvers(full, None, reason)
     of_bulk = {k: v for k, v in options.items() if k in given or not k.startswith("mat_")}
     settings = (f"{prefix}bulk_", of_bulk, tangent if len(unknowns) == 1 else None)
-    bulk = LinearBulk(tangents, unknowns, bcs, entity_maps, contacts, residuals, *settings)
+    bulk = CondensedBulk(tangents, unknowns, bcs, entity_maps, contacts, residuals, *settings)
     equations = BoundaryEquations(bulk, state, contacts, bcs)
     return Solvers(full, BoundaryNewton(equations, state, options, scales))
 

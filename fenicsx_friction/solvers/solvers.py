@@ -14,6 +14,7 @@ import numpy as np
 from ..base.errors import ContactInputError
 from ..base.log import tell
 from .boundary_newton import BoundaryNewton
+from .condensed_bulk import Array
 from .newton import Newton
 from .schur import FactorFailed
 
@@ -54,7 +55,7 @@ class Solvers:
         if self._boundary is None:
             return False
         bulk = self._boundary.equations.bulk
-        if how == "condensed" or (how == "auto" and bulk.size <= MOST_DOFS):
+        if how == "condensed" or (how == "auto" and bulk.linear and bulk.size <= MOST_DOFS):
             return True
         bulk.discard()
         return False
@@ -63,6 +64,16 @@ class Solvers:
     def factorisations(self) -> int:
         """How often the condensed bulk was factored."""
         return 0 if self._boundary is None else self._boundary.equations.bulk.factorisations
+
+    @property
+    def approximate(self) -> bool:
+        """Whether the equations in use hold to first order only: the bulk is not linear."""
+        return self.now is self._boundary and not self._boundary.equations.bulk.linear
+
+    def linearised_at(self) -> list[Array]:
+        """Return the unknowns of the bulk when it was condensed last."""
+        assert self._boundary is not None
+        return self._boundary.equations.bulk.origin
 
     def condense(self) -> float | None:
         """Condense the bulk under the loads of a step; the unknowns get their prescribed values.
@@ -80,17 +91,25 @@ class Solvers:
             return None
         return forces if np.isfinite(forces) else None
 
+    def prepared(self) -> bool:
+        """Condense a bulk that is not linear at the present state; tell whether it could be."""
+        assert self._boundary is not None
+        return self._boundary.equations.bulk.linear or self.condense() is not None
+
     @contextmanager
     def use(self, *, condensed: bool) -> Iterator[None]:
         """Solve on the boundary inside, or the whole system."""
+        before = self.now
         if condensed:
             assert self._boundary is not None
             self._boundary.equations.bulk.enter()
             self.now = self._boundary
+        else:
+            self.now = self.full
         try:
             yield
         finally:
-            self.now = self.full
+            self.now = before
             if self._boundary is not None:
                 self._boundary.equations.forget_matrix()
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""A bulk that is linear in its unknowns: factored once, condensed to the dofs of contact.
+"""The bulk of a problem, factored and condensed to the dofs of contact.
 
 The factor lives as long as all that its matrix depends on: fields and Constants in the tangent, and
-the mesh. This is compared, value by value, at the start of each step.
+the mesh. This is compared, value by value, at the start of each step: a bulk that is linear in its
+unknowns is factored once. One that is not is linearised at the present state.
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
 
 
-class LinearBulk:
+class CondensedBulk:
     """The bulk of a problem, seen from the dofs of contact; methods are collective.
 
     With the displacements ``q`` of these dofs, the forces of the bulk on them are
-    ``loads + schur (q - start)``.
+    ``loads + schur (q - start)``; those of a bulk that is not linear, to first order.
 
     Args:
         tangents: Derivatives of the residuals of the bulk, expanded; ``None`` where there is none.
@@ -51,7 +52,9 @@ class LinearBulk:
         matrix: The tangent as it is now, without conditions, if it is at hand.
 
     Attributes:
+        linear: Whether the tangents do not depend on the unknowns.
         dofs: The owned free dofs of the displacement at nodes that contact may load.
+        origin: The unknowns when the loads were condensed.
         start: Displacements of all ranks' dofs of contact at the start of the step (m).
         loads: Forces of the bulk on this rank's dofs of contact at ``start`` (N).
         factorisations: How many there have been.
@@ -85,6 +88,8 @@ class LinearBulk:
         self._forms: Any = None
         self._offered = matrix
         self._find_dependencies()
+        self.linear = not any(f in self._fields for f in unknowns)
+        self._lifted: Array | float = 0.0
         self._made_of = [a.copy() for a in self._dependencies()]
         self.factorisations = 0
 
@@ -148,10 +153,13 @@ class LinearBulk:
 
         Returns the 2-norm of the residual without contact (N).
         """
-        self.enter()
         assert self._matrix is not None and self._factor is not None
         r, y = self._matrix.createVecLeft(), self._matrix.createVecRight()
-        r.array[:] = np.concatenate(list(self._residuals()))
+        self.origin = [f.x.array.copy() for f in self._unknowns]
+        if self.linear:
+            self.enter()
+        r.array[:] = np.concatenate(list(self._residuals())) + self._lifted
+        self.enter()
         r.array[self._held] = 0.0
         norm = float(r.norm())
         self._factor.solve(r, y)
@@ -201,6 +209,7 @@ class LinearBulk:
             *(f.x.array for f in self._fields),
             *(np.asarray(c.value) for c in self._numbers),
             *(m.geometry.x for m in self._meshes),
+            *(with_conditions(f, self._bcs) for f in self._unknowns if not self.linear),
         ]
 
     def _assemble(self, changed: bool) -> PETSc.Mat:
@@ -211,10 +220,12 @@ class LinearBulk:
         else:
             self.discard()
             matrix = self._assemble_anew()
+        if whole := not self.linear:
+            self._lift(matrix)
         first = matrix.getOwnershipRange()[0]
         for held, size in self._held_sizes(matrix):
             rows = (first + held).astype(PETSc.IntType)
-            if offered:
+            if offered or whole:
                 matrix.zeroRowsColumns(rows, diag=size)
             else:  # zero already
                 matrix.zeroRows(rows, diag=size)
@@ -224,14 +235,29 @@ class LinearBulk:
         """Assemble the matrix from the user's forms."""
         if self._forms is None:
             self._forms = compiled(fem.form, self._comm)(self._tangents, entity_maps=self._maps)
+        bcs = self._bcs if self.linear else []
         if len(self._unknowns) == 1:
-            matrix = assemble_matrix(self._forms[0][0], bcs=self._bcs)
+            matrix = assemble_matrix(self._forms[0][0], bcs=bcs)
         else:
-            matrix = assemble_matrix(self._forms, bcs=self._bcs, kind="mpi")
+            matrix = assemble_matrix(self._forms, bcs=bcs, kind="mpi")
         matrix.assemble()
         if len(self._unknowns) > 1:
             add_diagonal(matrix)
         return matrix
+
+    def _lift(self, matrix: PETSc.Mat) -> None:
+        """Find the forces of prescribed values that the unknowns do not have yet.
+
+        To set the values first would distort the cells beside them.
+        """
+        missing, forces = matrix.createVecs()
+        missing.array[:] = np.concatenate(
+            [(with_conditions(f, self._bcs) - f.x.array)[: num_owned(f)] for f in self._unknowns]
+        )
+        matrix.mult(missing, forces)
+        self._lifted = forces.array.copy()
+        missing.destroy()
+        forces.destroy()
 
     def _held_sizes(self, matrix: PETSc.Mat) -> list[tuple[Indices, float]]:
         """Return the prescribed rows of each unknown, and the largest diagonal of its free ones.
