@@ -47,8 +47,7 @@ def _advance(system: ContactSystem) -> StepReport:
             continue
         report = found.report
         if report.certificate.solved:
-            if others.wanted(system, way):
-                report = others.choose(trials, way, report)
+            report = others.choose(trials, way, report)
             check_metrics(system.contacts)  # they may depend on the slip
             system.commit()
             _tell(system, report)

@@ -6,6 +6,7 @@ taken: the contact nodes move least. That no other is found is no proof that the
 """
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mpi4py import MPI
@@ -20,14 +21,11 @@ from .report import OtherSolution, StepReport
 from .system import ContactSystem
 from .trial import Trials, Way
 
-#: Starts from which solutions are looked for: sticking, as it was, smoothed, without friction.
-STARTS = (
-    Attempt("projection"),
-    Attempt("projection", predictor_iterations=0),
-    Attempt("smoothing"),
-    Attempt("friction"),
-)
-#: Coefficients of friction above this make steps on the boundary look for other solutions.
+#: Starts from which solutions are looked for: as it was, sticking; and more that cost more: without
+#: friction, smoothed.
+CHEAP_STARTS = (Attempt("projection", predictor_iterations=0), Attempt("projection"))
+STARTS = (*CHEAP_STARTS, Attempt("friction"), Attempt("smoothing"))
+#: Coefficients of friction above this make steps on the boundary try the cheap starts unasked.
 MUCH_FRICTION = 5.0
 #: Displacements and tractions this far apart, relative to the largest, are two solutions.
 APART = 1e-6
@@ -44,24 +42,26 @@ class _Solution:
     moved: float
 
 
-def wanted(system: ContactSystem, way: Way) -> bool:
-    """Tell whether a step that was solved in this way asks for other solutions; collective."""
-    asked = system.settings.look_for_others
-    if asked is not None:
-        return asked
-    if way.attempt is None or not way.condensed:
-        return False
-    friction = [np.max(k.friction_at_unit_pressure(), initial=0.0) for k in system.contacts]
-    return any_rank(system.comm, bool(max(friction) > MUCH_FRICTION))
+def starts(trials: Trials, way: Way) -> Sequence[Attempt]:
+    """Return from where to look for other solutions of a step solved in this way; collective."""
+    system, asked = trials.system, trials.system.settings.look_for_others
+    if asked is None:
+        friction = [np.max(k.friction_at_unit_pressure(), initial=0.0) for k in system.contacts]
+        much = any_rank(system.comm, bool(max(friction) > MUCH_FRICTION))
+        cheap = much and way.condensed and way.attempt is not None
+        chosen: Sequence[Attempt] = CHEAP_STARTS if cheap else ()
+    else:
+        chosen = STARTS if asked else ()
+    return [attempt for attempt in chosen if (attempt, way.condensed) not in trials.tried]
 
 
 def choose(trials: Trials, way: Way, report: StepReport) -> StepReport:
     """Look for other solutions, put the nearest one into the unknowns, report; collective."""
-    system = trials.system
+    system, attempts = trials.system, starts(trials, way)
+    if not attempts:
+        return report
     solutions = [_solution(system, report)]
-    for attempt in STARTS:
-        if attempt == way.attempt:
-            continue
+    for attempt in attempts:
         found = trials.make(Way(attempt, way.condensed, way.forces))
         if found is not None and found.report.certificate.solved:
             other = _solution(system, found.report)

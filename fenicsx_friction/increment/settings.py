@@ -32,8 +32,8 @@ class StepSettings:
             ``"auto"``: condensed where it can be, up to
             :data:`~fenicsx_friction.solvers.solvers.MOST_DOFS` dofs of the contact surfaces.
         look_for_others: Look for further solutions of each step from other starts, take the one
-            nearest to the last accepted state, and warn. ``None``: on the boundary, where a
-            friction limit at unit pressure is above
+            nearest to the last accepted state, and warn. ``None``: from starts that cost little,
+            on the boundary, where a friction limit at unit pressure is above
             :data:`~fenicsx_friction.increment.others.MUCH_FRICTION`.
         raise_on_uncertified: Raise :class:`~fenicsx_friction.StepFailed`, or else return the report
             with ``certified == False``. The state is the last accepted one either way.

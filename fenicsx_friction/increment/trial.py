@@ -62,11 +62,13 @@ class Trials:
     Attributes:
         system: As given.
         substeps: The reports of all substeps so far.
+        tried: The attempts so far, and whether on the boundary.
     """
 
     def __init__(self, system: ContactSystem, changed: Sequence[fem.Function]) -> None:
         self.system, self._changed, self._start = system, changed, snapshot.save(changed)
         self.substeps: list[SubstepReport] = []
+        self.tried: list[tuple[Attempt, bool]] = []
         self._made = system.solvers.factorisations
 
     def restore(self) -> None:
@@ -86,6 +88,7 @@ class Trials:
         converged = False
         with system.solvers.use(condensed=way.condensed):
             if attempt is not None:
+                self.tried.append((attempt, way.condensed))
                 found = _solve(system, attempt, way.forces)
                 self.substeps += found
                 converged = found[-1].converged
