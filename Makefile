@@ -17,7 +17,7 @@ test:  ## everything CI checks: style, types, tests, tests on two ranks
 
 check: lint  # inside the environment; only a test that hangs has a limit, in pyproject.toml. Ranks that
 # wait yield: a busy machine would have none left for those that work.
-	$(PYTEST) -n 2
+	$(PYTEST) -n 2 --dist worksteal
 	python3 benchmarks/counts.py
 	OMPI_MCA_mpi_yield_when_idle=1 mpirun -n 2 $(PYTEST) -p no:xdist -m mpi
 

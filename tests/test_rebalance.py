@@ -74,8 +74,8 @@ def test_a_bulk_without_balance_is_left_to_the_whole(monkeypatch):
 def test_old_tangent_is_not_taken(monkeypatch):
     """A tangent that is never renewed makes Newton's method slow, and still no wrong result."""
     right = compare(lambda p: finite(0.3, f"renewed_{p}"), PATH[:2])
-    condensed_bulk = ff.solvers.condensed_bulk.CondensedBulk
-    monkeypatch.setattr(condensed_bulk, "_dependencies", lambda self: [])
+    tangent = ff.solvers.bulk_tangent.BulkTangent
+    monkeypatch.setattr(tangent, "_dependencies", lambda self: [])
     wrong = compare_certified(lambda p: finite(0.3, f"frozen_{p}"), PATH[:2])
     assert wrong > sum(len(r.substeps) for r in right)
 

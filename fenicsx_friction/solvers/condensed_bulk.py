@@ -9,7 +9,6 @@ unknowns is factored once. One that is not is linearised at the present state.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from petsc4py import PETSc
 
@@ -17,18 +16,15 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
-from dolfinx.fem.petsc import assemble_matrix
-from ufl.algorithms import extract_coefficients
-from ufl.algorithms.analysis import extract_constants
 
-from ..base.collective import any_rank, gather_rows, largest_of_ranks
-from ..base.compilation import compiled
+from ..base.collective import gather_rows
 from ..contact.contact import Contact
 from ..equations.conditions import constrained_dofs, with_conditions
-from ..equations.numbering import contact_dofs, global_dofs, held_rows, num_owned
+from ..equations.numbering import contact_dofs, global_dofs, num_owned
+from .bulk_tangent import BulkTangent
 from .linear import MORE_WORKSPACE, WORKSPACE
 from .options import inside
-from .schur import FactorFailed, InnerFactor, add_diagonal, inner_factor
+from .schur import FactorFailed, InnerFactor, inner_factor
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -75,22 +71,14 @@ class CondensedBulk:
         self._unknowns, self._bcs, self._residuals = list(unknowns), list(bcs), residuals
         V = unknowns[0].function_space
         self._prefix, self._options = prefix, options
-        self._comm, self._maps = V.mesh.comm, list(entity_maps)
-        self._tangents = tangents
+        self._comm = V.mesh.comm
+        self._tangent = BulkTangent(tangents, unknowns, bcs, entity_maps, matrix)
+        self.linear, self._held = self._tangent.linear, self._tangent.held
         self.dofs = np.setdiff1d(contact_dofs(contacts, V), constrained_dofs(V, bcs))
         rows = global_dofs([f.function_space for f in unknowns])  # the displacement's come first
         self._counts = np.array(self._comm.allgather(len(self.dofs)))
         self._chosen = gather_rows(self._comm, rows[0][self.dofs], self._counts)
-        self._held_of = held_rows(unknowns, bcs)
-        self._held = np.concatenate(self._held_of)
         self._factor: InnerFactor | None = None
-        self._matrix: PETSc.Mat | None = None
-        self._forms: Any = None
-        self._offered = matrix
-        self._find_dependencies()
-        self.linear = not any(f in self._fields for f in unknowns)
-        self._lifted: Array | float = 0.0
-        self._made_of = [a.copy() for a in self._dependencies()]
         self.factorisations = 0
 
     @property
@@ -114,13 +102,10 @@ class CondensedBulk:
         Raises:
             FactorFailed: On all ranks.
         """
-        now = self._dependencies()
-        changed = not all(map(np.array_equal, now, self._made_of))
-        changed = any_rank(self._comm, changed)
-        if self._factor is not None and not changed:
+        if self._factor is not None and not self._tangent.has_changed():
             return
-        self._matrix = self._assemble(changed)
-        self._made_of = [a.copy() for a in now]
+        self._forget_factor()
+        self._tangent.refresh()
         try:
             self._factor = self._factored(self._options)
         except FactorFailed as error:
@@ -131,17 +116,26 @@ class CondensedBulk:
 
     def _factored(self, options: Mapping[str, object]) -> InnerFactor:
         """Return a new factor."""
-        assert self._matrix is not None
         package = str(self._options["pc_factor_mat_solver_type"])
         with inside(self._prefix, options):
             return inner_factor(self._matrix, self._chosen, package, self._prefix)
 
+    @property
+    def _matrix(self) -> PETSc.Mat:
+        """The matrix that was factored."""
+        assert self._tangent.matrix is not None
+        return self._tangent.matrix
+
     def discard(self) -> None:
         """Forget matrix and factor."""
-        for part in (self._matrix, self._factor, self._offered):
-            if part is not None:
-                part.destroy()
-        self._matrix = self._factor = self._offered = None
+        self._tangent.discard()
+        self._forget_factor()
+
+    def _forget_factor(self) -> None:
+        """Free the factor, before there is another one."""
+        if self._factor is not None:
+            self._factor.destroy()
+        self._factor = None
 
     def enter(self) -> None:
         """Give the unknowns their prescribed values."""
@@ -153,12 +147,12 @@ class CondensedBulk:
 
         Returns the 2-norm of the residual without contact (N).
         """
-        assert self._matrix is not None and self._factor is not None
+        assert self._factor is not None
         r, y = self._matrix.createVecLeft(), self._matrix.createVecRight()
         self.origin = [f.x.array.copy() for f in self._unknowns]
         if self.linear:
             self.enter()
-        r.array[:] = np.concatenate(list(self._residuals())) + self._lifted
+        r.array[:] = np.concatenate(list(self._residuals())) + self._tangent.lifted
         self.enter()
         r.array[self._held] = 0.0
         norm = float(r.norm())
@@ -176,7 +170,7 @@ class CondensedBulk:
 
     def recover(self) -> None:
         """Set all unknowns of the bulk from the displacements of the dofs of contact."""
-        assert self._matrix is not None and self._factor is not None
+        assert self._factor is not None
         moved, inner = self._matrix.createVecRight(), self._matrix.createVecRight()
         u = self._unknowns[0]
         kept = u.x.array[self.dofs].copy()
@@ -192,84 +186,3 @@ class CondensedBulk:
             at += num_owned(f)
         for o in (moved, inner, forces):
             o.destroy()
-
-    def _find_dependencies(self) -> None:
-        """Find the fields, numbers and meshes that the matrix depends on."""
-        parts = [J for row in self._tangents for J in row if J is not None]
-        fields = {f for J in parts for f in extract_coefficients(J)}
-        numbers = {c for J in parts for c in extract_constants(J)}
-        domains = {d for J in parts for d in J.ufl_domains()}
-        self._fields = sorted(fields, key=lambda f: f.count())
-        self._numbers = sorted(numbers, key=lambda c: c.count())
-        self._meshes = [d.ufl_cargo() for d in sorted(domains, key=lambda d: d.ufl_id())]
-
-    def _dependencies(self) -> list[Array]:
-        """Return all values that the matrix depends on."""
-        return [
-            *(f.x.array for f in self._fields),
-            *(np.asarray(c.value) for c in self._numbers),
-            *(m.geometry.x for m in self._meshes),
-            *(with_conditions(f, self._bcs) for f in self._unknowns if not self.linear),
-        ]
-
-    def _assemble(self, changed: bool) -> PETSc.Mat:
-        """Return the matrix; prescribed dofs have rows and columns of the identity, scaled."""
-        matrix = self._offered
-        if offered := matrix is not None and not changed:
-            self._offered = None
-        else:
-            self.discard()
-            matrix = self._assemble_anew()
-        if whole := not self.linear:
-            self._lift(matrix)
-        first = matrix.getOwnershipRange()[0]
-        for held, size in self._held_sizes(matrix):
-            rows = (first + held).astype(PETSc.IntType)
-            if offered or whole:
-                matrix.zeroRowsColumns(rows, diag=size)
-            else:  # zero already
-                matrix.zeroRows(rows, diag=size)
-        return matrix
-
-    def _assemble_anew(self) -> PETSc.Mat:
-        """Assemble the matrix from the user's forms."""
-        if self._forms is None:
-            self._forms = compiled(fem.form, self._comm)(self._tangents, entity_maps=self._maps)
-        bcs = self._bcs if self.linear else []
-        if len(self._unknowns) == 1:
-            matrix = assemble_matrix(self._forms[0][0], bcs=bcs)
-        else:
-            matrix = assemble_matrix(self._forms, bcs=bcs, kind="mpi")
-        matrix.assemble()
-        if len(self._unknowns) > 1:
-            add_diagonal(matrix)
-        return matrix
-
-    def _lift(self, matrix: PETSc.Mat) -> None:
-        """Find the forces of prescribed values that the unknowns do not have yet.
-
-        To set the values first would distort the cells beside them.
-        """
-        missing, forces = matrix.createVecs()
-        missing.array[:] = np.concatenate(
-            [(with_conditions(f, self._bcs) - f.x.array)[: num_owned(f)] for f in self._unknowns]
-        )
-        matrix.mult(missing, forces)
-        self._lifted = forces.array.copy()
-        missing.destroy()
-        forces.destroy()
-
-    def _held_sizes(self, matrix: PETSc.Mat) -> list[tuple[Indices, float]]:
-        """Return the prescribed rows of each unknown, and the largest diagonal of its free ones.
-
-        With a diagonal of this size MUMPS loses no digits.
-        """
-        vector, at, found = matrix.getDiagonal(), 0, []
-        for f, held in zip(self._unknowns, self._held_of, strict=True):
-            free = np.delete(vector.array[at : at + num_owned(f)], held - at)
-            local = np.array([np.max(abs(free), initial=0.0)])
-            largest = float(largest_of_ranks(self._comm, local)[0])
-            found.append((held, largest if 0.0 < largest < np.inf else 1.0))
-            at += num_owned(f)
-        vector.destroy()
-        return found
