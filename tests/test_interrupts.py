@@ -1,5 +1,6 @@
 """A solve that is left by an interrupt or any exception is back at the last accepted state."""
 
+import gc
 import hashlib
 import signal
 import sys
@@ -92,6 +93,7 @@ def test_interrupts_at_random_times_change_nothing(kind):
             else:  # a fast machine was done before: once more from the start
                 model = make(f"interrupted{rng.integers(10**6)}_{kind}_")
                 reached(model, first)
+                gc.collect()  # an interrupt of a finaliser would be ignored
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, usual)
@@ -204,3 +206,17 @@ def test_kinematics_after_an_interrupt_at_any_line_are_those_of_the_displacement
                 return
             for now, right in zip(found(place), expected[place], strict=True):
                 assert np.array_equal(now, right)
+
+
+def test_an_interrupt_leaves_the_whole_system_in_use(monkeypatch):
+    """Wherever it comes: here just after the solver of the boundary was taken."""
+    model = block("hexahedron", 0.3, "left_in_use_")
+    reached(model, (0.0, 0.0, -0.01))
+    solvers = model.problem.solvers
+    solvers.now = solvers._boundary
+    model.move(0.01, 0.0, -0.01)
+    with monkeypatch.context() as patch, pytest.raises(Stop):
+        patch.setattr(correctors, "polish", lambda *_: (_ for _ in ()).throw(Stop))
+        model.problem.solve()
+    assert solvers.now is solvers.full
+    assert model.problem.solve().certified

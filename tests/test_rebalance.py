@@ -7,6 +7,8 @@ import fenicsx_friction as ff
 from bodies import stack
 from both_ways import compare, follow
 from fenicsx_friction.increment import rebalance
+from fenicsx_friction.solvers.condensed_bulk import CondensedBulk
+from fenicsx_friction.solvers.schur import FactorFailed
 from models import block
 
 #: Up to a tenth of the height down, and a fifth across.
@@ -85,3 +87,35 @@ def compare_certified(make, path):
     reports = follow(make("only_"), path, "condensed")[0]
     assert all(r.certified for r in reports)
     return sum(len(r.substeps) for r in reports)
+
+
+def test_a_tangent_that_cannot_be_factored_on_the_way(monkeypatch):
+    """The next ways are tried, the last of them on the whole."""
+    refresh, calls = CondensedBulk.refresh, []
+
+    def fails(self):
+        calls.append(self)
+        if len(calls) % 2 == 0:
+            raise FactorFailed("singular", -10)
+        refresh(self)
+
+    monkeypatch.setattr(CondensedBulk, "refresh", fails)
+    model = finite(0.3, "singular_", solver="condensed", fallbacks=1)
+    model.move(*PATH[1])
+    report = model.problem.solve()
+    assert report.certified and report.solver == "full" and len(calls) >= 2
+
+
+def test_all_factorisations_are_told(monkeypatch):
+    """Those of a search for other solutions, too."""
+    made = []
+    factored = CondensedBulk._factored
+
+    def counted(self, options):
+        made.append(self)
+        return factored(self, options)
+
+    monkeypatch.setattr(CondensedBulk, "_factored", counted)
+    model = finite(0.3, "told_", solver="condensed", look_for_others=True)
+    model.move(*PATH[0])
+    assert model.problem.solve().factorisations == len(made) > 4

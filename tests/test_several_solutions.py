@@ -11,7 +11,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from fenicsx_friction.increment import advance, others
+from fenicsx_friction.increment import advance, correctors, others, trial
 from models import raous, tagged_facets
 
 #: A sheared triangle: its free corner stands on the plane y = 0, the others are held.
@@ -102,7 +102,8 @@ def test_no_search_unless_asked_for_or_with_much_friction(wedged, monkeypatch):
     ratio, mu, _ = wedged
 
     def substeps(prefix, **settings):
-        return len(corner(mu, ratio, prefix, **settings)[0].solve().substeps)
+        report = corner(mu, ratio, prefix, **settings)[0].solve()
+        return len(report.substeps + report.searched)
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -120,7 +121,7 @@ def test_one_solution_is_no_several():
         warnings.simplefilter("error")
         report = corner(0.5, 0.1, "one_", look_for_others=True)[0].solve()
     assert report.certified and report.others == ()
-    assert len(report.substeps) > 4  # it has looked
+    assert len(report.searched) > 4  # it has looked
 
 
 def test_two_solutions_of_a_rectangle():
@@ -135,3 +136,45 @@ def test_two_solutions_of_a_rectangle():
     assert all(report.certified for report in found)
     assert [len(report.others) for report in found] == [0, 0, 0, 0, 1]
     assert found[-1].others[0].traction_difference > 1e6
+
+
+# -- what the search must not change ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("error", [ff.OutOfMemory("memory"), ff.ContactInputError("input")])
+def test_an_error_of_the_search_loses_nothing(wedged, error, monkeypatch):
+    ratio, mu, _ = wedged
+    expected = corner(mu, ratio, "undisturbed_")[0].solve()
+    problem, _, _ = corner(mu, ratio, "disturbed_", look_for_others=True)
+    solved = []
+
+    def once(*arguments):
+        if solved:
+            raise error
+        solved.append(correctors.correct(*arguments))
+        return solved[0]
+
+    monkeypatch.setattr(trial, "correct", once)
+    report = problem.solve()
+    assert report.certified and problem.num_steps == 1
+    assert report.contacts[0].force == pytest.approx(expected.contacts[0].force, rel=1e-12)
+
+
+def test_a_warning_made_an_error_leaves_the_step_accepted(wedged):
+    ratio, mu, _ = wedged
+    problem, _, _ = corner(mu, ratio, "strict_", look_for_others=True)
+    with warnings.catch_warnings(), pytest.raises(UserWarning, match="certified solutions"):
+        warnings.simplefilter("error")
+        problem.solve()
+    assert problem.num_steps == 1 and problem.certify().certified
+
+
+def test_steps_are_as_large_as_without_a_search():
+    times = []
+    for look in (False, True):
+        model = raous(6, 6, 0.4, f"sizes_{look}_", look_for_others=look)
+        path = ff.LoadStepper(
+            model.problem, lambda t, m=model: m.load(t, t), end=1.0, step=0.05, largest=0.5
+        )
+        times.append([record.time for record in path])
+    assert times[0] == times[1] and len(times[0]) < 12

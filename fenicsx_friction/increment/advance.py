@@ -33,6 +33,7 @@ def advance(system: ContactSystem) -> StepReport:
         raise
     if not report.certificate.solved:
         last.restore()
+    others.tell(report)
     return report
 
 
@@ -58,7 +59,11 @@ def _advance(system: ContactSystem) -> StepReport:
             break  # another way to solve the step would not fare better
         distrusted = way.condensed and found.converged
     assert failed is not None
-    report = replace(failed.report, substeps=tuple(trials.substeps))
+    report = replace(
+        failed.report,
+        substeps=tuple(trials.substeps),
+        factorisations=trials.factorisations,
+    )
     failed.state.restore()
     if system.settings.raise_on_uncertified:
         raise StepFailed("\n".join([explain(system, report), *failed.crossed]), report)

@@ -5,6 +5,7 @@ They are looked for from other starts. Of those found, the one nearest to the la
 taken: the contact nodes move least. That no other is found is no proof that there is none.
 """
 
+import logging
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +15,8 @@ from mpi4py import MPI
 import numpy as np
 
 from ..base.collective import any_rank, largest_of_ranks
+from ..base.errors import ContactInputError, OutOfMemory
+from ..base.log import tell as log
 from ..certificate.groups import Array
 from . import snapshot
 from .correctors import Attempt
@@ -62,17 +65,24 @@ def choose(trials: Trials, way: Way, report: StepReport) -> StepReport:
         return report
     solutions = [_solution(system, report)]
     for attempt in attempts:
-        found = trials.make(Way(attempt, way.condensed, way.forces))
+        try:
+            found = trials.make(Way(attempt, way.condensed, way.forces))
+        except (OutOfMemory, ContactInputError) as error:  # on all ranks
+            log(system.comm, logging.INFO, "no further search for other solutions: %s", error)
+            break  # a search must not lose what was found
         if found is not None and found.report.certificate.solved:
             other = _solution(system, found.report)
             if all([_apart(system, other, known) for known in solutions]):
                 solutions.append(other)
     nearest, *further = sorted(solutions, key=lambda s: s.moved)
     nearest.state.restore()
-    others = tuple(_compared(system, nearest, other) for other in further)
-    if others:
-        _warn(nearest.report, others)
-    return replace(nearest.report, substeps=tuple(trials.substeps), others=others)
+    return replace(
+        nearest.report,
+        substeps=report.substeps,
+        searched=tuple(trials.substeps[len(report.substeps) :]),
+        others=tuple(_compared(system, nearest, other) for other in further),
+        factorisations=trials.factorisations,
+    )
 
 
 def _solution(system: ContactSystem, report: StepReport) -> _Solution:
@@ -110,14 +120,17 @@ def _compared(system: ContactSystem, nearest: _Solution, other: _Solution) -> Ot
     return OtherSolution(other.report.contacts, force, traction)
 
 
-def _warn(report: StepReport, others: tuple[OtherSolution, ...]) -> None:
+def tell(report: StepReport) -> None:
     """Warn of several solutions."""
+    if not report.others:
+        return
     force, traction = (
-        max(getattr(o, f"{name}_difference") for o in others) for name in ("force", "traction")
+        max(getattr(o, f"{name}_difference") for o in report.others)
+        for name in ("force", "traction")
     )
     warnings.warn(
-        f"Step {report.step} has at least {1 + len(others)} certified solutions, up to "
+        f"Step {report.step} has at least {1 + len(report.others)} certified solutions, up to "
         f"{force:.3g} N in the contact force and {traction:.3g} Pa in a nodal traction apart; the "
         "one nearest to the last accepted state was taken, see report.others.",
-        stacklevel=6,
+        stacklevel=4,
     )

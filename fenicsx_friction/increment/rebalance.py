@@ -21,6 +21,8 @@ GROWTH = 10.0
 def rebalance(system: ContactSystem, attempt: Attempt) -> list[SubstepReport]:
     """Balance the whole, starting from a solution on the boundary; collective.
 
+    The unknowns inside the bulk are found, too.
+
     Returns:
         The reports; the last one tells of no convergence if the bulk found no balance.
     """

@@ -54,12 +54,14 @@ class StepReport:
     Attributes:
         step: Number of the step, 1 for the first accepted one.
         corrector: The corrector that was asked for.
-        substeps: All substeps in the order they were solved, failed ones included.
+        substeps: All substeps in the order they were solved, failed ones included, until the first
+            certified solution.
         contacts: Totals of each contact.
         certificate: The certificate of the final state.
         factorisations: How many bulks were factored for condensed substeps; a full iteration
             factors the whole system.
         others: Further solutions that were found, see ``StepSettings.look_for_others``.
+        searched: The substeps of the search for them.
         solver: ``condensed`` or ``full``, see :class:`SubstepReport`: what led to the final state.
     """
 
@@ -71,10 +73,11 @@ class StepReport:
     factorisations: int = 0
     solver: str = "full"
     others: tuple[OtherSolution, ...] = ()
+    searched: tuple[SubstepReport, ...] = ()
 
     @property
     def iterations(self) -> int:
-        """Newton iterations of the step, which is the number of linear solves of any size."""
+        """Newton iterations up to the first solution, each one linear solve of any size."""
         return sum(substep.iterations for substep in self.substeps)
 
     @property

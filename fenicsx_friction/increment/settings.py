@@ -27,9 +27,9 @@ class StepSettings:
         fallbacks: How many further ways to try when full Newton steps fail, on the boundary and
             then on the whole system; all by default. Where a smaller step is possible, a few are
             cheaper, see :data:`fenicsx_friction.increment.correctors.FALLBACKS`.
-        solver: ``"condensed"``: the bulk is factored once and contact solved on its boundary, for
-            bulks that are linear in their unknowns; ``"full"``: the whole system in each iteration;
-            ``"auto"``: condensed where it can be, up to
+        solver: ``"condensed"``: contact is solved on the boundary of the bulk, which is factored
+            once if it is linear in its unknowns, else a few times a step; ``"full"``: the whole
+            system in each iteration; ``"auto"``: condensed for bulks that are linear, up to
             :data:`~fenicsx_friction.solvers.solvers.MOST_DOFS` dofs of the contact surfaces.
         look_for_others: Look for further solutions of each step from other starts, take the one
             nearest to the last accepted state, and warn. ``None``: from starts that cost little,

@@ -71,6 +71,11 @@ class Trials:
         self.tried: list[tuple[Attempt, bool]] = []
         self._made = system.solvers.factorisations
 
+    @property
+    def factorisations(self) -> int:
+        """How often the bulk was factored so far."""
+        return self.system.solvers.factorisations - self._made
+
     def restore(self) -> None:
         """Put the start back."""
         snapshot.restore(self._changed, self._start)
@@ -94,7 +99,7 @@ class Trials:
                 converged = found[-1].converged
             elif not system.projection.is_solved(newton_tolerance(system)):
                 return None  # else contact did not change and the state is its own solution
-        if way.condensed:
+        if way.condensed and not (converged and system.solvers.relinearises):
             system.solvers.recover()
         report, crossed = self._judge("condensed" if way.condensed else "full")
         return Outcome(report, crossed, converged)
@@ -110,7 +115,7 @@ class Trials:
             tuple(self.substeps),
             system.contact_reports(),
             replace(certificate, crossed=len(crossed)),
-            system.solvers.factorisations - self._made,
+            self.factorisations,
             solver,
         )
         return report, crossed

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The equations on the dofs of contact alone, as SNES calls them, for a bulk that is linear."""
+"""The equations on the dofs of contact alone, as SNES calls them, for a bulk that is condensed."""
 
 from __future__ import annotations
 

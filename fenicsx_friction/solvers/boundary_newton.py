@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Newton's method on the dofs of contact alone, for a bulk that is linear.
+"""Newton's method on the dofs of contact alone, for a bulk that is condensed.
 
 To a substep it is what :class:`~fenicsx_friction.solvers.newton.Newton` is: the same SNES, line
 searches and convergence test. An iteration costs a dense solve.

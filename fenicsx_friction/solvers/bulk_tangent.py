@@ -100,8 +100,13 @@ class BulkTangent:
             *(f.x.array for f in self._fields),
             *(np.asarray(c.value) for c in self._numbers),
             *(m.geometry.x for m in self._meshes),
-            *(with_conditions(f, self._bcs) for f in self._unknowns if not self.linear),
+            *([] if self.linear else self._lifted_by()),
         ]
+
+    def _lifted_by(self) -> list[Array]:
+        """Return what the forces of missing prescribed values depend on, beside the matrix."""
+        wanted = [with_conditions(f, self._bcs) for f in self._unknowns]
+        return [*wanted, *(f.x.array for f in self._unknowns)]
 
     def _assemble(self, changed: bool) -> None:
         """Assemble the matrix, or take the one at hand, and put the conditions into it."""

@@ -87,6 +87,11 @@ class CondensedBulk:
         return int(np.sum(self._counts))
 
     @property
+    def is_condensed(self) -> bool:
+        """Whether there is a factor."""
+        return self._factor is not None
+
+    @property
     def schur(self) -> Array:
         """Stiffness (N/m) of the dofs of contact of all ranks, on all ranks."""
         assert self._factor is not None

@@ -66,9 +66,14 @@ class Solvers:
         return 0 if self._boundary is None else self._boundary.equations.bulk.factorisations
 
     @property
+    def relinearises(self) -> bool:
+        """Whether the boundary's equations hold to first order only: the bulk is not linear."""
+        return self._boundary is not None and not self._boundary.equations.bulk.linear
+
+    @property
     def approximate(self) -> bool:
-        """Whether the equations in use hold to first order only: the bulk is not linear."""
-        return self.now is self._boundary and not self._boundary.equations.bulk.linear
+        """Whether the equations in use do so."""
+        return self.now is self._boundary and self.relinearises
 
     def linearised_at(self) -> list[Array]:
         """Return the unknowns of the bulk when it was condensed last."""
@@ -92,7 +97,7 @@ class Solvers:
         return forces if np.isfinite(forces) else None
 
     def prepared(self) -> bool:
-        """Condense a bulk that is not linear at the present state; tell whether it could be."""
+        """Tell whether the bulk is condensed; one that is not linear is, at the present state."""
         assert self._boundary is not None
         return self._boundary.equations.bulk.linear or self.condense() is not None
 
@@ -100,13 +105,13 @@ class Solvers:
     def use(self, *, condensed: bool) -> Iterator[None]:
         """Solve on the boundary inside, or the whole system."""
         before = self.now
-        if condensed:
-            assert self._boundary is not None
-            self._boundary.equations.bulk.enter()
-            self.now = self._boundary
-        else:
-            self.now = self.full
         try:
+            if condensed:
+                assert self._boundary is not None
+                self._boundary.equations.bulk.enter()
+                self.now = self._boundary
+            else:
+                self.now = self.full
             yield
         finally:
             self.now = before
@@ -114,12 +119,14 @@ class Solvers:
                 self._boundary.equations.forget_matrix()
 
     def recover(self) -> None:
-        """Find the unknowns inside the bulk from those of the boundary."""
+        """Find the unknowns inside a condensed bulk from those of the boundary."""
         assert self._boundary is not None
-        self._boundary.equations.bulk.recover()
+        if self._boundary.equations.bulk.is_condensed:
+            self._boundary.equations.bulk.recover()
 
     def discard(self) -> None:
         """Forget all that may be incomplete after an error."""
+        self.now = self.full  # an interrupt may have come before it was put back
         self.full.discard()
         if self._boundary is not None:
             self._boundary.discard()
