@@ -57,7 +57,7 @@ def _advance(system: ContactSystem) -> StepReport:
             failed = _Failed(report, found.crossed, snapshot.ProblemSnapshot(system))
         if found.crossed or report.certificate.drowned:
             break  # another way to solve the step would not fare better
-        distrusted = way.condensed and found.converged
+        distrusted = way.condensed and (found.converged or found.unbalanced)
     assert failed is not None
     report = replace(
         failed.report,

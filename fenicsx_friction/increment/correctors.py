@@ -33,7 +33,7 @@ class Attempt:
     """One way to solve a step.
 
     Attributes:
-        corrector: ``"projection"``, ``"ramp"`` or a key of :data:`WITHOUT_PREDICTOR`.
+        corrector: ``"projection"``, ``"ramp"`` or a key of :data:`OTHER_CORRECTORS`.
         line_search: PETSc line search, full Newton steps by default.
         r_factor: Multiplies ``r_p``.
         max_it: Newton iterations of the corrector, those of the options by default.
@@ -73,8 +73,8 @@ def newton_tolerance(system: ContactSystem) -> float:
 
 def correct(system: ContactSystem, attempt: Attempt, forces: float) -> list[SubstepReport]:
     """Predict with stick, correct, then solve the natural map; the unknowns hold the result."""
-    if attempt.corrector in WITHOUT_PREDICTOR:
-        return WITHOUT_PREDICTOR[attempt.corrector](system, forces)
+    if attempt.corrector in OTHER_CORRECTORS:
+        return OTHER_CORRECTORS[attempt.corrector](system, forces)
     eps = system.settings.smoothing * _expected_traction(system, forces)
     reports = _predict(system, eps, attempt.predictor_iterations)
     if attempt.corrector == "ramp":
@@ -225,4 +225,4 @@ def _expected_traction(system: ContactSystem, forces: float) -> float:
     return forces / float(np.sqrt(system.comm.allreduce(local, MPI.SUM)))
 
 
-WITHOUT_PREDICTOR = {"continuation": _continue, "smoothing": _smooth, "friction": _add_friction}
+OTHER_CORRECTORS = {"continuation": _continue, "smoothing": _smooth, "friction": _add_friction}

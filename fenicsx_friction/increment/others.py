@@ -108,7 +108,8 @@ def _apart(system: ContactSystem, one: _Solution, other: _Solution) -> bool:
     sizes = [[abs(a - b), np.maximum(abs(a), abs(b))] for a, b in pairs]
     local = [float(np.max(values, initial=0.0)) for pair in sizes for values in pair]
     far, largest, pulled, strongest = largest_of_ranks(system.comm, np.array(local))
-    return bool(far > APART * largest and pulled > APART * strongest)
+    apart = max(APART, 10.0 * system.settings.tolerance)
+    return bool(far > apart * largest and pulled > apart * strongest)
 
 
 def _compared(system: ContactSystem, nearest: _Solution, other: _Solution) -> OtherSolution:

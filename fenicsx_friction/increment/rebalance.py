@@ -14,6 +14,8 @@ from .system import ContactSystem
 
 #: Linearisations after the first, and how often the way to a solution is halved.
 MOST_LINEARISATIONS, MOST_HALVINGS = 25, 6
+#: Reason of a bulk without balance.
+NOT_BALANCED = "NOT_BALANCED"
 #: A residual that grows by more than this makes the way shorter.
 GROWTH = 10.0
 
@@ -42,7 +44,7 @@ def rebalance(system: ContactSystem, attempt: Attempt) -> list[SubstepReport]:
         reports.append(polish(system, attempt))
         if not reports[-1].converged:
             return reports
-    return [*reports, SubstepReport("bulk", 0.0, 0.0, 0, False, "NOT_BALANCED", ())]
+    return [*reports, SubstepReport("bulk", 0.0, 0.0, 0, False, NOT_BALANCED, ())]
 
 
 def _shortened(system: ContactSystem, most: float) -> float:

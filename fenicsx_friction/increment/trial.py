@@ -16,7 +16,7 @@ from ..solvers.report import SubstepReport
 from . import snapshot
 from .correctors import Attempt, correct, newton_tolerance, polish
 from .crossed import crossed_nodes
-from .rebalance import rebalance
+from .rebalance import NOT_BALANCED, rebalance
 from .report import StepReport
 from .system import ContactSystem
 
@@ -50,6 +50,11 @@ class Outcome(NamedTuple):
     report: StepReport
     crossed: list[str]
     converged: bool
+
+    @property
+    def unbalanced(self) -> bool:
+        """Whether a bulk that is not linear found no balance."""
+        return any(s.reason == NOT_BALANCED for s in self.report.substeps[-1:])
 
 
 class Trials:

@@ -51,7 +51,7 @@ class CondensedBulk:
         linear: Whether the tangents do not depend on the unknowns.
         dofs: The owned free dofs of the displacement at nodes that contact may load.
         origin: The unknowns when the loads were condensed.
-        start: Displacements of all ranks' dofs of contact at the start of the step (m).
+        start: Displacements of all ranks' dofs of contact when the loads were condensed (m).
         loads: Forces of the bulk on this rank's dofs of contact at ``start`` (N).
         factorisations: How many there have been.
     """

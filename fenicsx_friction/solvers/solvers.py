@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 
 from petsc4py import PETSc
 
@@ -101,22 +100,24 @@ class Solvers:
         assert self._boundary is not None
         return self._boundary.equations.bulk.linear or self.condense() is not None
 
-    @contextmanager
-    def use(self, *, condensed: bool) -> Iterator[None]:
+    def use(self, *, condensed: bool) -> AbstractContextManager[None]:
         """Solve on the boundary inside, or the whole system."""
-        before = self.now
-        try:
-            if condensed:
-                assert self._boundary is not None
-                self._boundary.equations.bulk.enter()
-                self.now = self._boundary
-            else:
-                self.now = self.full
-            yield
-        finally:
-            self.now = before
-            if self._boundary is not None:
-                self._boundary.equations.forget_matrix()
+        return _InUse(self, condensed)
+
+    def take(self, condensed: bool) -> None:
+        """Solve on the boundary from now on, or the whole system."""
+        if not condensed:
+            self.now = self.full
+            return
+        assert self._boundary is not None
+        self._boundary.equations.bulk.enter()
+        self.now = self._boundary
+
+    def put_back(self, before: Newton | BoundaryNewton) -> None:
+        """Use the solver of before again, and free the memory of a dense matrix."""
+        self.now = before
+        if self._boundary is not None:
+            self._boundary.equations.forget_matrix()
 
     def recover(self) -> None:
         """Find the unknowns inside a condensed bulk from those of the boundary."""
@@ -130,3 +131,20 @@ class Solvers:
         self.full.discard()
         if self._boundary is not None:
             self._boundary.discard()
+
+
+class _InUse(AbstractContextManager[None]):
+    """One solver is in use inside.
+
+    No generator: an interrupt between its lines would leave one behind, and its end, whenever it
+    comes, would put a solver back into use.
+    """
+
+    def __init__(self, solvers: Solvers, condensed: bool) -> None:
+        self._solvers, self._condensed, self._before = solvers, condensed, solvers.now
+
+    def __enter__(self) -> None:
+        self._solvers.take(self._condensed)
+
+    def __exit__(self, *_: object) -> None:
+        self._solvers.put_back(self._before)
