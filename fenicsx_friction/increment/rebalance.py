@@ -44,7 +44,8 @@ def rebalance(system: ContactSystem, attempt: Attempt) -> list[SubstepReport]:
         reports.append(polish(system, attempt))
         if not reports[-1].converged:
             return reports
-    return [*reports, SubstepReport("bulk", 0.0, 0.0, 0, False, NOT_BALANCED, ())]
+    failed = SubstepReport("bulk", 0.0, 0.0, 0, False, NOT_BALANCED, (), solver="condensed")
+    return [*reports, failed]
 
 
 def _shortened(system: ContactSystem, most: float) -> float:

@@ -9,12 +9,13 @@ class SubstepReport:
     """How one substep went.
 
     Attributes:
-        name: ``stick``, ``slip`` or ``projection``.
+        name: ``stick``, ``slip`` or ``projection``; ``bulk`` if one that is not linear found no
+            balance.
         xi: Blend of the slip rows (0 where they are not used).
         eps: Smoothing of the normal complementarity (Pa).
         iterations: Newton iterations, each one linear solve.
         converged: Whether the residual met its tolerance.
-        reason: PETSc's name of the reason, or ``CYCLE``.
+        reason: PETSc's name of the reason, ``CYCLE`` or ``NOT_BALANCED``.
         residuals: 2-norms of the residual (N), one an iteration and the initial one, of the last
             try if it was repeated with more memory.
         accepted: Whether the substep's end state was used.
