@@ -71,10 +71,10 @@ class BulkTangent:
         same = all(map(np.array_equal, self._dependencies(), self._made_of))
         return any_rank(self._comm, not same)
 
-    def refresh(self) -> None:
-        """Make the matrix of now."""
+    def refresh(self, *, changed: bool) -> None:
+        """Make the matrix of now; the one at hand serves if nothing has changed."""
         now = self._dependencies()
-        self._assemble(self.has_changed())
+        self._assemble(changed)
         self._made_of = [a.copy() for a in now]
 
     def discard(self) -> None:

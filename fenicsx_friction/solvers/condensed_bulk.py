@@ -107,10 +107,11 @@ class CondensedBulk:
         Raises:
             FactorFailed: On all ranks.
         """
-        if self._factor is not None and not self._tangent.has_changed():
+        changed = self._tangent.has_changed()
+        if self._factor is not None and not changed:
             return
         self._forget_factor()
-        self._tangent.refresh()
+        self._tangent.refresh(changed=changed)
         try:
             self._factor = self._factored(self._options)
         except FactorFailed as error:
