@@ -3,7 +3,7 @@ RUN = ./container
 DEMO = results/raous_rectangle
 PYTEST = python3 -m pytest
 
-.PHONY: help demo test check lint format clean
+.PHONY: help demo test check lint format getfem clean
 
 help:  ## show the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 16
@@ -29,6 +29,10 @@ lint:  ## style and types only
 format:  ## rewrite the sources in the project's style
 	$(RUN) ruff check --fix .
 	$(RUN) ruff format .
+
+getfem:  ## a step beside GetFEM's, which is installed for this run
+	$(RUN) sh -c 'export DEBIAN_FRONTEND=noninteractive; apt-get -qq update && apt-get -qq install --no-install-recommends python3-getfem \
+	>/dev/null && python3 benchmarks/getfem_raous.py'
 
 clean:  ## remove results and caches from this folder
 	rm -rf results build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

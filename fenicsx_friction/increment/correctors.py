@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Ways to solve an increment: predictor and corrector, and the fallbacks when they fail."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from mpi4py import MPI
@@ -10,21 +11,17 @@ import numpy as np
 from ..contact.slip_corrector import freeze_stick, has_false_root
 from ..solvers.report import SubstepReport
 from . import snapshot
+from .predictor import STAGE_TOLERANCE, expected_traction, newton_tolerance, predict
+from .smoothing import smooth
 from .system import ContactSystem
 
-#: Newton stops at this fraction of the certificate's tolerance.
-NEWTON_TOLERANCE = 1e-2
-#: Tolerance of the ramp's stages before the last, and of the predictor.
-STAGE_TOLERANCE = 1e-6
 #: Smallest blend ``xi`` before 0, and the finest reduction of ``xi`` tried.
 SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
-#: Smallest smoothing before 0, relative to the expected traction; iterations of the first stage.
-SMALLEST_EPS, FIRST_STAGE = 1e-9, 20
 #: Smallest part of the increment that one step of the continuation follows.
 SMALLEST_CONTINUATION = 1e-4
 #: Smallest part of the friction that is added in one stage.
 SMALLEST_REDUCTION = 1e-3
-#: After a stage with at most this many iterations, ``xi`` and ``eps`` fall faster.
+#: After a stage with at most this many iterations, ``xi`` falls faster.
 EASY_STAGE = 1
 
 
@@ -66,34 +63,16 @@ CONDENSED_FALLBACKS = (
 )
 
 
-def newton_tolerance(system: ContactSystem) -> float:
-    """Return the relative tolerance of the last stage; acceptance is up to the certificate."""
-    return NEWTON_TOLERANCE * system.settings.tolerance
-
-
 def correct(system: ContactSystem, attempt: Attempt, forces: float) -> list[SubstepReport]:
     """Predict with stick, correct, then solve the natural map; the unknowns hold the result."""
     if attempt.corrector in OTHER_CORRECTORS:
         return OTHER_CORRECTORS[attempt.corrector](system, forces)
-    eps = system.settings.smoothing * _expected_traction(system, forces)
-    reports = _predict(system, eps, attempt.predictor_iterations)
+    eps = system.settings.smoothing * expected_traction(system, forces)
+    reports = predict(system, eps, attempt.predictor_iterations)
     if attempt.corrector == "ramp":
         reports += _ramp(system, attempt, eps)
     reports.append(polish(system, attempt))
     return reports
-
-
-def _predict(system: ContactSystem, eps: float, iterations: int | None) -> list[SubstepReport]:
-    """Let all closed nodes stick, in at most so many iterations, else those of the settings."""
-    if iterations is None:
-        iterations = system.settings.predictor_iterations
-    if iterations == 0:
-        return []
-    start = snapshot.save(system.state)
-    report = system.run(system.stick, STAGE_TOLERANCE, eps=eps, max_it=iterations)
-    if not np.all(np.isfinite(report.residuals)) or "LINEAR" in report.reason:
-        snapshot.restore(system.state, start)
-    return [report]
 
 
 def polish(system: ContactSystem, attempt: Attempt) -> SubstepReport:
@@ -138,37 +117,6 @@ def _ramp(system: ContactSystem, attempt: Attempt, eps: float) -> list[SubstepRe
             if xi == 1.0 or reduction > FINEST_REDUCTION:
                 return reports  # the polish starts from the last good stage
         xi = last * reduction if last * reduction > SMALLEST_XI else 0.0
-
-
-def _smooth(system: ContactSystem, forces: float) -> list[SubstepReport]:
-    """Solve the projection rows with ``eps`` from the size of the tractions down to zero.
-
-    Where the first stage does not converge soon, there is no such way.
-    """
-    largest = _expected_traction(system, forces)
-    reports = _predict(system, system.settings.smoothing * largest, None)
-    last = eps = largest
-    reduction, good = 0.1, snapshot.save(system.state)
-    while eps > 0.0 and reduction < FINEST_REDUCTION:
-        most = FIRST_STAGE if eps == largest else 40
-        report = system.run(
-            system.projection, STAGE_TOLERANCE, eps=eps, line_search="bt", max_it=most
-        )
-        reports.append(report)
-        if eps == largest and not report.converged:
-            return reports
-        if report.converged:
-            good, last = snapshot.save(system.state), eps
-            if report.iterations <= EASY_STAGE:
-                reduction = reduction**2
-        else:
-            snapshot.restore(system.state, good)
-            reduction = np.sqrt(reduction)
-        eps = last * reduction if last * reduction > SMALLEST_EPS * largest else 0.0
-    reports.append(
-        system.run(system.projection, newton_tolerance(system), line_search="bt", max_it=100)
-    )
-    return reports
 
 
 def _add_friction(system: ContactSystem, forces: float) -> list[SubstepReport]:
@@ -219,10 +167,8 @@ def _continue(system: ContactSystem, forces: float) -> list[SubstepReport]:
     return reports
 
 
-def _expected_traction(system: ContactSystem, forces: float) -> float:
-    """Return the traction (Pa) that spreads the forces over the contact nodes."""
-    local = sum(float(np.sum(s.area**2)) for s in system.nodal_states())
-    return forces / float(np.sqrt(system.comm.allreduce(local, MPI.SUM)))
-
-
-OTHER_CORRECTORS = {"continuation": _continue, "smoothing": _smooth, "friction": _add_friction}
+OTHER_CORRECTORS: dict[str, Callable[[ContactSystem, float], list[SubstepReport]]] = {
+    "continuation": _continue,
+    "smoothing": smooth,
+    "friction": _add_friction,
+}

@@ -74,7 +74,7 @@ class BoundaryMatrix:
 
     def _remaining(self) -> Array:
         """Return the matrix of what remains, rows and columns of about unit length."""
-        matrix = self._known.reduced(self._assembled())
+        matrix = self._known.reduced(self._assembled(self._known.others))
         # Displacements and multipliers have different units.
         self._of_rows = _inverse(np.sqrt(np.einsum("ij,ij->i", matrix, matrix)))
         matrix *= self._of_rows[:, None]
@@ -84,20 +84,25 @@ class BoundaryMatrix:
         matrix[:, first:] *= self._of_columns[first:]
         return matrix
 
-    def _assembled(self) -> Array:
-        """Return the matrix of all that is kept."""
-        matrix = np.zeros((len(self._kept),) * 2)
-        matrix[: self._n, : self._n] = self._schur
+    def _assembled(self, wanted: Indices) -> Array:
+        """Return these rows of the matrix of all that is kept."""
+        balance = np.zeros((len(self._kept),) * 2)
+        balance[: self._n, : self._n] = self._schur
         for part, regular, step in zip(self._parts, self._regular, self._steps, strict=True):
             special = self._place[part.columns[~regular]]
-            _scatter(matrix, special, special, part.matrices[~regular])
-            _scatter(matrix, step.q, step.q, step.by_q)
-        balances = [matrix[step.own.ravel()] for step in self._steps]
-        for step, balance in zip(self._steps, balances, strict=True):
+            _scatter(balance, special, special, part.matrices[~regular])
+            _scatter(balance, step.q, step.q, step.by_q)
+        matrix = balance[wanted]
+        at = np.full(len(balance), -1)
+        at[wanted] = np.arange(len(wanted))
+        for step in self._steps:
             if step.others.size:
-                matrix -= step.reactions(len(matrix)) @ balance
-            matrix[step.own.ravel()] = -step.times(balance)
-            _scatter(matrix, step.own, step.q, step.slopes_of_q)
+                matrix -= step.reactions(len(balance))[wanted] @ balance[step.own.ravel()]
+        for step in self._steps:
+            rows = at[step.own]
+            there = rows >= 0
+            matrix[rows[there]] = -step.times(balance, there)
+            _scatter(matrix, rows, step.q, step.slopes_of_q)
         return matrix
 
     def solve(self, b: Array) -> Array:
@@ -141,7 +146,7 @@ class BoundaryMatrix:
         for step, own, law in zip(self._steps, owned, laws, strict=True):
             if step.others.size:
                 rows -= step.reactions(len(rows)) @ own.ravel()
-            rows[step.own] = law - step.times(own.reshape(-1, 1)).reshape(own.shape)
+            rows[step.own] = law - np.einsum("nij,nj->ni", step.slopes, own)
         return rows
 
 

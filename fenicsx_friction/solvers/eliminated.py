@@ -69,13 +69,18 @@ class EliminatedMultipliers:
         self.inverse = np.linalg.inv(matrices[:, :d, -d:])
         self.by_q = matrices[:, :-d, :-d]
         self.slopes_of_q = matrices[:, -d:, :-d]
-        self._slopes = matrices[:, -d:, -d:] @ self.inverse
+        self.slopes = matrices[:, -d:, -d:] @ self.inverse
         self._forces = matrices[:, d:-d, -d:] @ self.inverse
 
-    def times(self, rows: Array) -> Array:
-        """Multiply rows of the balance of forces by what multipliers do in the rows of the law."""
-        n, d = self.own.shape
-        return np.asarray((self._slopes @ rows.reshape(n, d, rows.shape[1])).reshape(rows.shape))
+    def times(self, balance: Array, there: npt.NDArray[np.bool_]) -> Array:
+        """Return what the multipliers do in rows of the law.
+
+        Args:
+            balance: Rows of the balance of forces, of all that is kept.
+            there: Which rows of the law, of each node.
+        """
+        node, row = np.nonzero(there)
+        return np.asarray((self.slopes[node, row][:, None] @ balance[self.own[node]])[:, 0])
 
     def law(self, x: Array) -> Array:
         """Return what displacements do in the rows of the law."""
@@ -94,7 +99,7 @@ class EliminatedMultipliers:
     def alone(self) -> npt.NDArray[np.bool_]:
         """Tell which rows of the law contain displacements of their own node only."""
         d = self.own.shape[1]
-        others = np.any(self._slopes != 0.0, axis=2)
+        others = np.any(self.slopes != 0.0, axis=2)
         return ~(others | np.any(self.slopes_of_q[:, :, d:] != 0.0, axis=2))
 
 
@@ -140,15 +145,14 @@ class KnownDirections:
         self._lower = upper.transpose(0, 2, 1)[good] + np.eye(own.shape[1]) * ~given[good][:, None]
 
     def reduced(self, matrix: Array) -> Array:
-        """Return the rows that are left, with columns of what remains unknown.
+        """Return rows with columns of what remains unknown.
 
         The last columns are those of whole nodes and of multipliers that are kept.
         """
-        left = matrix[self.others]
-        partly = ~self._given.all(axis=1)
-        turned = left[:, self._own[partly]]
-        columns = np.einsum("rni,nij->rnj", turned, self._basis[partly])[:, ~self._given[partly]]
-        return np.hstack([columns, left[:, self._plain]])
+        node, direction = np.nonzero(~self._given)
+        basis = self._basis[node, :, direction]
+        columns = sum(matrix[:, self._own[node, i]] * basis[:, i] for i in range(basis.shape[1]))
+        return np.hstack([columns, matrix[:, self._plain]])
 
     def known(self, right: Array) -> Array:
         """Return the displacements that these rows give, zero elsewhere."""
