@@ -12,6 +12,7 @@ from .increment.advance import advance
 from .increment.report import StepReport
 from .increment.settings import StepSettings, settings_of
 from .increment.system import ContactSystem
+from .solvers.choice import LinearSolver, linear_solver_of
 
 
 class FrictionalContactProblem(ContactSystem):
@@ -27,6 +28,9 @@ class FrictionalContactProblem(ContactSystem):
             ``projection_``.
         petsc_options: PETSc options for all substeps.
         entity_maps: Entity maps of further meshes in ``F``; those of the contacts are added.
+        linear_solver: What solves the linear systems of :attr:`solvers`' full way: ``"direct"``, a
+            factorisation by MUMPS; ``"multigrid"``, a Krylov method with algebraic multigrid, for
+            large models in 3D; ``"auto"`` takes one or the other by size.
         settings: How a step is solved.
 
     Raises:
@@ -44,6 +48,7 @@ class FrictionalContactProblem(ContactSystem):
         bcs: fem.DirichletBC | Sequence[fem.DirichletBC] | None = None,
         petsc_options: Mapping[str, object] | None = None,
         entity_maps: Sequence[mesh.EntityMap] | None = None,
+        linear_solver: LinearSolver = "auto",
         settings: StepSettings | None = None,
     ) -> None:
         blocks, unknowns = checks.residuals(F), checks.functions(u)
@@ -51,7 +56,8 @@ class FrictionalContactProblem(ContactSystem):
         options = (petsc_options_prefix, petsc_options, entity_maps)
         how = settings_of(settings)
         checks.check_problem(blocks, unknowns, contacts, conditions, *options)
-        super().__init__(blocks, unknowns, contacts, conditions, *options, how)
+        linear = linear_solver_of(linear_solver, blocks, unknowns, petsc_options or {})
+        super().__init__(blocks, unknowns, contacts, conditions, *options, linear, how)
 
     def solve(self) -> StepReport:
         """Solve one increment to the current loads, certify it and commit it.

@@ -43,6 +43,7 @@ class ContactSystem:
         bcs: Dirichlet conditions on the unknowns.
         prefix, options: Prefix of PETSc options, and options for all substeps.
         entity_maps: Entity maps of further meshes in ``blocks``; those of the contacts are added.
+        linear_solver: ``direct`` or ``multigrid``.
         settings: How a step is solved.
 
     Attributes:
@@ -70,6 +71,7 @@ class ContactSystem:
         prefix: str,
         options: Mapping[str, object] | None,
         entity_maps: Sequence[mesh.EntityMap] | None,
+        linear_solver: str,
         settings: StepSettings,
     ) -> None:
         self.unknowns, self.contacts, self.bcs = list(unknowns), list(contacts), list(bcs)
@@ -86,7 +88,7 @@ class ContactSystem:
         self.dt = fem.Constant(V.mesh, default_scalar_type(1.0))
         kept = [(k, dict(vars(k))) for k in self.contacts]
         try:
-            self._set_up(blocks, prefix, options, entity_maps)
+            self._set_up(blocks, prefix, options, entity_maps, linear_solver)
             self._motions = claim_motions(self.contacts, self)
         except BaseException:
             for part, attributes in kept:
@@ -100,6 +102,7 @@ class ContactSystem:
         prefix: str,
         options: Mapping[str, object] | None,
         entity_maps: Sequence[mesh.EntityMap] | None,
+        linear_solver: str,
     ) -> None:
         """Bind the contacts and make forms, scales and substeps."""
         V, surfaces = self.u.function_space, [k.surface for k in self.contacts]
@@ -139,6 +142,7 @@ class ContactSystem:
             self.terms,
             weakly(self, lambda there: [there.assemble_bulk(), *there.assemble_others()]),
             tangent,
+            linear_solver,
         )
         parts = (prefix, self.solvers, self._eps, self._xi, self._ramp_sign)
         self.stick, self.slip, self.projection = substeps(*parts)

@@ -16,6 +16,7 @@ from dolfinx import fem
 from ..equations.contact_terms import Law
 from ..equations.forces import ForceScales
 from .boundary import BoundaryEquations
+from .convergence import Progress
 from .options import set_up
 
 
@@ -74,6 +75,9 @@ class BoundaryNewton:
         self.equations.law = law
         self.equations.read(self._x)
         return self._x
+
+    def aim(self, snes: PETSc.SNES, progress: Progress) -> None:
+        """Do nothing: linear systems are solved directly."""
 
     def take(self, x: PETSc.Vec) -> None:
         """Put a solution into the unknowns on the boundary."""

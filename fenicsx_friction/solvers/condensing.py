@@ -62,6 +62,7 @@ def solvers_of(
     terms: ContactTerms,
     residuals: Callable[[], Sequence[Array]],
     tangent: PETSc.Mat,
+    linear_solver: str,
 ) -> Solvers:
     """Return the solvers of a problem; collective.
 
@@ -77,12 +78,14 @@ def solvers_of(
         terms: How contact enters the equations.
         residuals: Returns the rows of the residuals at the owned dofs, without contact.
         tangent: Stiffness of the displacement; is used or destroyed.
+        linear_solver: ``direct`` or ``multigrid``.
     """
     given = options or {}
-    options = {**DEFAULT_OPTIONS, **options_for(contacts, options)}
+    own = options_for(contacts, options)
+    options = {**DEFAULT_OPTIONS, **own}
     state = [*unknowns, *(k.c for k in contacts)]
     forms = [*blocks, *(place(k) for k in contacts)]
-    full = Newton(forms, state, bcs, prefix, options, entity_maps, scales, terms)
+    full = Newton(forms, state, bcs, prefix, own, entity_maps, scales, terms, linear_solver)
     tangents = [
         [None if J is None else expand_derivatives(J) for J in row]
         for row in jacobian_blocks(blocks, unknowns)

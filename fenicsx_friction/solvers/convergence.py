@@ -42,12 +42,14 @@ class Progress:
         tolerance: As given.
         history: 2-norms of the residual (N), one an iteration and the initial one.
         cycled: Whether the iterates go round.
+        excess: The present residual over what the tolerance allows.
     """
 
     def __init__(self, measure: Measure, tolerance: float) -> None:
         self._measure, self.tolerance, self._noisy = measure, tolerance, False
         self.history: list[float] = []
         self.cycled = False
+        self.excess = 1.0
 
     def judge(self, snes: PETSc.SNES, it: int, norm: float) -> PETSc.SNES.ConvergedReason:
         """Stop at the tolerance, at rounding, at NaN, at the last iteration and in a cycle."""
@@ -56,7 +58,8 @@ class Progress:
         if not np.isfinite(norm):
             return reason.DIVERGED_FNORM_NAN
         rows = snes.getFunction()[0].array_r
-        if self._measure.excess(rows, self.tolerance) <= 1.0:
+        self.excess = self._measure.excess(rows, self.tolerance)
+        if self.excess <= 1.0:
             return reason.CONVERGED_FNORM_ABS
         if it > 0 and norm >= 0.5 * self.history[-2] and self._is_rounding(rows):
             return reason.CONVERGED_SNORM_RELATIVE

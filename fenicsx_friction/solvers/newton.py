@@ -16,8 +16,11 @@ from ..base.compilation import NonlinearProblem, compiled
 from ..base.keeping import ErrorKeeper
 from ..equations.contact_terms import ContactTerms, Law
 from ..equations.forces import ForceScales
+from .convergence import Progress
+from .inexact import accuracy
 from .linear import forget_factor, require_solver
-from .options import DEFAULT_OPTIONS, effective, set_up
+from .multigrid import Multigrid, cycle_options, options_of
+from .options import effective, set_up
 from .snes_callbacks import Callbacks
 
 
@@ -35,6 +38,7 @@ class Newton:
         entity_maps: Entity maps of all meshes in the forms.
         scales: Measures residuals.
         terms: The terms of contact.
+        linear_solver: ``direct`` or ``multigrid``.
 
     Attributes:
         unknowns: As given.
@@ -56,12 +60,14 @@ class Newton:
         entity_maps: Sequence[mesh.EntityMap],
         scales: ForceScales,
         terms: ContactTerms,
+        linear_solver: str,
     ) -> None:
         self._forms, self.unknowns, self._bcs = forms, unknowns, bcs
         self._prefix, self._entity_maps = prefix, entity_maps
-        self.options = {**DEFAULT_OPTIONS, **(options or {})}
+        self.options = options_of(linear_solver, options or {})
         self.scales, self.terms = scales, terms
         self.comm = unknowns[0].function_space.mesh.comm
+        self.linear_solver = linear_solver
         require_solver(self.options, self.comm)
         self._problem: NonlinearProblem | None = None
         self._callbacks: Callbacks | None = None
@@ -86,8 +92,20 @@ class Newton:
             self._callbacks = Callbacks(
                 made.solver, factors, self.unknowns, self.terms, self.errors
             )
+            if self.linear_solver == "multigrid":
+                self._precondition(made.solver.getKSP().getPC())
             self._linear_options, self._problem = {}, made
         return self._problem
+
+    def _precondition(self, pc: PETSc.PC) -> None:
+        """Give the linear solver its preconditioner."""
+        pc.setType(PETSc.PC.Type.PYTHON)
+        displacement, *multipliers = self.unknowns
+        assert self._callbacks is not None
+        cycle = (f"{self._prefix}multigrid_", cycle_options(self.options))
+        pc.setPythonContext(
+            Multigrid(displacement, multipliers, self._callbacks.elements, *cycle, self.errors)
+        )
 
     def discard(self) -> None:
         """Forget solvers and matrix, which may be incomplete after an error."""
@@ -128,6 +146,13 @@ class Newton:
             forget_factor(snes)
             self._linear_options = options
         return problem.x
+
+    def aim(self, snes: PETSc.SNES, progress: Progress) -> None:
+        """Tell an iterative solver how exactly the next linear system is to be solved."""
+        if self.linear_solver == "multigrid" and "ksp_rtol" not in self.options:
+            ksp = snes.getKSP()
+            last = ksp.getTolerances()[0]
+            ksp.setTolerances(rtol=accuracy(progress.history, last, progress.excess))
 
     def take(self, x: PETSc.Vec) -> None:
         """Put a solution into the unknowns."""

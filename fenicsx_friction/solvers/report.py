@@ -22,6 +22,7 @@ class SubstepReport:
         failure: Why a factorisation failed, in plain words.
         solver: ``full``: an iteration solves the whole system; ``condensed``: a dense system of
             the dofs of the contact surfaces.
+        krylov: Iterations of the linear solver in all, one each for a direct one.
     """
 
     name: str
@@ -34,3 +35,4 @@ class SubstepReport:
     accepted: bool = True
     failure: str = ""
     solver: str = "full"
+    krylov: int = 0

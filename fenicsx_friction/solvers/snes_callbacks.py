@@ -10,7 +10,7 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assign
 
 from ..base.keeping import ErrorKeeper
-from ..equations.contact_terms import ContactTerms, Law
+from ..equations.contact_terms import ContactTerms, Indices, Law
 from ..obstacles.kinematics import Array
 
 
@@ -97,6 +97,12 @@ class Callbacks:
         self._total.axpy(1.0, self._elements, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self._pattern = pattern
         return True
+
+    def elements(self) -> list[tuple[Indices, Array]]:
+        """Return rows and matrices of the elements of each contact, at the present unknowns."""
+        assert self.law is not None
+        parts = (self._terms.columns(self.law), self._terms.matrices(self.law))
+        return list(zip(*parts, strict=True))
 
     def evaluate(self, x: PETSc.Vec, b: PETSc.Vec, law: Law) -> None:
         """Evaluate the residual of a substep; no matrix is made."""

@@ -167,6 +167,7 @@ class Substep:
             residuals=tuple(history),
             failure=self._failure,
             solver=self._newton.name,
+            krylov=self.solver.getLinearSolveIterations(),
         )
 
     def _run(self, target: PETSc.Vec | None) -> tuple[bool, str]:
@@ -218,7 +219,9 @@ class Substep:
         with self._newton.errors():
             if self.watch is not None:
                 self.watch(it)
-            return self._progress.judge(snes, it, norms[-1])
+            reason = self._progress.judge(snes, it, norms[-1])
+            self._newton.aim(snes, self._progress)
+            return reason
 
 
 def substeps(

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: MIT
+"""Multipliers eliminated node by node from the matrix of Newton's method, approximately.
+
+A closed node's row fixes a displacement and does not contain the multiplier, an open one's does the
+opposite. With a small multiple of the multiplier added to each row, the multiplier follows from it,
+``c = N^-1 (r - C u)``, and what it does to the balance of forces is a spring ``-B N^-1 C``: stiff
+where the node is closed, none where it is open, across the direction of slip where it slips.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.floating]
+Indices = npt.NDArray[np.int64]
+
+#: The multiplier that is added to each row, relative. A closed node's spring is as many times
+#: stiffer than the body as this is smaller than one.
+REGULAR = 1e-2
+
+
+@dataclass(frozen=True)
+class NodeBlocks:
+    """The blocks of each node of a contact, of this rank.
+
+    Attributes:
+        q, c: Rows of displacements and multipliers, -1 for those that are left out.
+        forces: Derivatives of the nodal forces by the multipliers.
+        slopes: Derivatives of the rows of the law by the displacements.
+        inverse: Inverse of the derivatives of these rows by the multipliers, made regular.
+        springs: What the multipliers do to the balance of forces: symmetric, not negative.
+    """
+
+    q: Indices
+    c: Indices
+    forces: Array
+    slopes: Array
+    inverse: Array
+    springs: Array
+
+
+def node_blocks(columns: Indices, matrices: Array, d: int) -> NodeBlocks:
+    """Eliminate the multipliers of the elements of a contact.
+
+    Args:
+        columns: Rows of the unknowns of each element: displacements, those of the node itself
+            first, then multipliers; -1 for those that are left out.
+        matrices: The elements: (nodes, unknowns, unknowns).
+        d: Multipliers of a node.
+    """
+    q, c = columns[:, :-d], columns[:, -d:]
+    there = q >= 0
+    forces = np.where(there[:, :, None], matrices[:, :-d, -d:], 0.0)
+    slopes = np.where(there[:, None, :], matrices[:, -d:, :-d], 0.0)
+    regular = _regular(matrices[:, -d:, -d:], matrices[:, -d:, :d], matrices[:, :d, -d:])
+    inverse = np.linalg.inv(regular)
+    springs = -forces @ inverse @ slopes
+    values, vectors = np.linalg.eigh(0.5 * (springs + springs.transpose(0, 2, 1)))
+    springs = np.einsum("nik,nk,njk->nij", vectors, np.maximum(values, 0.0), vectors)
+    return NodeBlocks(q, c, forces, slopes, inverse, springs)
+
+
+def _regular(by_c: Array, by_own: Array, forces: Array) -> Array:
+    """Return derivatives of the rows by the multipliers with something added to the diagonal.
+
+    What is added has the sign that makes the spring positive. The coupling of normal and tangential
+    multipliers, which is not symmetric, is left out.
+    """
+    area = np.linalg.norm(forces, axis=1)  # of each multiplier
+    size = np.where(area > 0.0, area, 1.0)
+    diagonal = np.einsum("nii->ni", by_c) / size
+    stiff = -np.einsum("nij,nji->ni", by_own, forces) / size
+    largest = np.max(abs(stiff), axis=1, keepdims=True, initial=0.0)
+    sign = np.sign(diagonal + stiff / np.where(largest > 0.0, largest, 1.0))
+    regular = by_c.copy()
+    regular[:, 0, 1:] = regular[:, 1:, 0] = 0.0
+    i = np.arange(by_c.shape[1])
+    regular[:, i, i] += REGULAR * size * np.where(sign == 0.0, 1.0, sign)
+    return np.asarray(regular)
