@@ -27,20 +27,34 @@ PATH = [
 ]  # fmt: skip
 
 
-def cube(n: int, mu: float, settings: ff.StepSettings, name: str):  # type: ignore[no-untyped-def]
+def cube(  # type: ignore[no-untyped-def]
+    n: int,
+    mu: float,
+    settings: ff.StepSettings,
+    name: str,
+    finite: bool = False,
+    linear: str = "auto",
+):
     """Return the problem of a cube of ``n`` cells an edge, and the Function that moves its top."""
     msh = mesh.create_unit_cube(MPI.COMM_WORLD, n, n, n, mesh.CellType.hexahedron)
     base = mesh.locate_entities_boundary(msh, 2, lambda x: np.isclose(x[2], 0.0))
     tags = mesh.meshtags(msh, 2, base, np.full(len(base), 1, dtype=np.int32))
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, v, top = fem.Function(V, name="u"), ufl.TestFunction(V), fem.Function(V)
-    energy = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E=1000.0, nu=0.3))
+    density = ff.bulk.neo_hooke_energy if finite else ff.bulk.small_strain_energy
+    energy = density(u, ff.bulk.Elastic(E=1000.0, nu=0.3))
     F = ufl.derivative(ff.bulk.stored_energy(energy, ufl.dx), u, v)
     held = fem.dirichletbc(top, fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[2], 1.0)))
     plane = ff.RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     contact = ff.Contact(ff.ContactSurface(msh, tags, 1), plane, ff.Coulomb(mu))
     problem = ff.FrictionalContactProblem(
-        F, u, contact=contact, bcs=[held], petsc_options_prefix=name, settings=settings
+        F,
+        u,
+        contact=contact,
+        bcs=[held],
+        petsc_options_prefix=name,
+        linear_solver=linear,
+        settings=settings,
     )
     return problem, top
 

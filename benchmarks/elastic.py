@@ -11,11 +11,19 @@ from dolfinx.fem.petsc import LinearProblem
 
 from fenicsx_friction import FrictionalContactProblem
 
-DIRECT = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+DIRECT: dict[str, object] = {
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+}
 
 
 def elastic_problem(
-    problem: FrictionalContactProblem, dofs: npt.NDArray[np.int32], component: int | None, name: str
+    problem: FrictionalContactProblem,
+    dofs: npt.NDArray[np.int32],
+    component: int | None,
+    name: str,
+    options: dict[str, object] = DIRECT,
 ) -> LinearProblem:
     """Return the elastic problem of a body that is held instead of being in contact.
 
@@ -24,6 +32,7 @@ def elastic_problem(
         dofs: Dofs that are held: blocked ones, or unrolled ones of the component.
         component: The one component that is held there; all if ``None``.
         name: Begins the prefix of its PETSc options.
+        options: PETSc options.
     """
     V = problem.u.function_space
     zero = fem.Constant(V.mesh, np.zeros(() if component is not None else V.dofmap.bs))
@@ -32,7 +41,7 @@ def elastic_problem(
         ufl.derivative(problem.bulk, problem.u),
         -problem.bulk,
         bcs=[*problem.bcs, fem.dirichletbc(zero, dofs, space)],
-        petsc_options=DIRECT,
+        petsc_options=options,
         petsc_options_prefix=f"elastic_{name}_",
     )
 

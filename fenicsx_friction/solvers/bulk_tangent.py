@@ -13,12 +13,11 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assemble_matrix
-from ufl.algorithms import extract_coefficients
-from ufl.algorithms.analysis import extract_constants
 
 from ..base.collective import any_rank, largest_of_ranks
 from ..base.compilation import compiled
 from ..equations.conditions import with_conditions
+from ..equations.dependencies import Dependencies
 from ..equations.numbering import held_rows, num_owned
 from .schur import add_diagonal
 
@@ -62,8 +61,8 @@ class BulkTangent:
         self.held = np.concatenate(self._held_of)
         self.matrix: PETSc.Mat | None = None
         self.lifted: Array | float = 0.0
-        self._find_dependencies()
-        self.linear = not any(f in self._fields for f in unknowns)
+        self._of = Dependencies(forms)
+        self.linear = not self._of.include(unknowns)
         self._made_of = [a.copy() for a in self._dependencies()]
 
     def has_changed(self) -> bool:
@@ -84,24 +83,9 @@ class BulkTangent:
                 matrix.destroy()
         self.matrix = self._offered = None
 
-    def _find_dependencies(self) -> None:
-        """Find the fields, numbers and meshes that the matrix depends on."""
-        parts = [J for row in self._forms for J in row if J is not None]
-        fields = {f for J in parts for f in extract_coefficients(J)}
-        numbers = {c for J in parts for c in extract_constants(J)}
-        domains = {d for J in parts for d in J.ufl_domains()}
-        self._fields = sorted(fields, key=lambda f: f.count())
-        self._numbers = sorted(numbers, key=lambda c: c.count())
-        self._meshes = [d.ufl_cargo() for d in sorted(domains, key=lambda d: d.ufl_id())]
-
     def _dependencies(self) -> list[Array]:
         """Return all values that the matrix depends on."""
-        return [
-            *(f.x.array for f in self._fields),
-            *(np.asarray(c.value) for c in self._numbers),
-            *(m.geometry.x for m in self._meshes),
-            *([] if self.linear else self._lifted_by()),
-        ]
+        return [*self._of.values(), *([] if self.linear else self._lifted_by())]
 
     def _lifted_by(self) -> list[Array]:
         """Return what the forces of missing prescribed values depend on, beside the matrix."""

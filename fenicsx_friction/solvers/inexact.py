@@ -4,8 +4,8 @@
 Far from the solution, an exact step is a waste: Eisenstat and Walker's second choice (SIAM J. Sci.
 Comput. 17:16-32, 1996). At the end, no step needs to reach more than the tolerance.
 
-PETSc has the same as ``snes_ksp_ew``, but for one nonlinear solver of a linear one; here the substeps
-share theirs.
+PETSc has the same as ``snes_ksp_ew``, but for one nonlinear solver of a linear one; here the
+substeps share theirs.
 """
 
 from collections.abc import Sequence

@@ -10,17 +10,19 @@ from petsc4py import PETSc
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assign
+from ufl.algorithms import expand_derivatives
 
 from ..base.compat import jacobian_blocks
 from ..base.compilation import NonlinearProblem, compiled
 from ..base.keeping import ErrorKeeper
 from ..equations.contact_terms import ContactTerms, Law
+from ..equations.dependencies import Dependencies
 from ..equations.forces import ForceScales
 from .convergence import Progress
 from .inexact import accuracy
 from .linear import forget_factor, require_solver
-from .multigrid import Multigrid, cycle_options, options_of
-from .options import effective, set_up
+from .multigrid import Multigrid
+from .options import effective, options_of, set_up
 from .snes_callbacks import Callbacks
 
 
@@ -46,6 +48,8 @@ class Newton:
         scales: As given.
         terms: As given.
         errors: What callbacks have raised.
+        linear_solver: As given.
+        multigrid: The preconditioner, once there is one.
     """
 
     name = "full"
@@ -74,23 +78,28 @@ class Newton:
         self.errors = ErrorKeeper()
         self._solvers: dict[str, PETSc.SNES] = {}
         self._linear_options: dict[str, str] = {}
+        self.multigrid: Multigrid | None = None
 
     @property
     def problem(self) -> NonlinearProblem:
         """The DOLFINx problem, with its vectors, the matrix of its forms, and the linear solver."""
         if self._problem is None:
+            J = jacobian_blocks(self._forms, self.unknowns)
             made = compiled(NonlinearProblem, self.comm)(
                 list(self._forms),
                 list(self.unknowns),
-                J=jacobian_blocks(self._forms, self.unknowns),
+                J=J,
                 bcs=list(self._bcs),
                 petsc_options_prefix=self._prefix,
                 entity_maps=list(self._entity_maps),
                 kind="mpi",
             )
             factors = self.scales.row_factors
+            parts = [
+                [None if form is None else expand_derivatives(form) for form in row] for row in J
+            ]
             self._callbacks = Callbacks(
-                made.solver, factors, self.unknowns, self.terms, self.errors
+                made.solver, factors, self.unknowns, self.terms, self.errors, Dependencies(parts)
             )
             if self.linear_solver == "multigrid":
                 self._precondition(made.solver.getKSP().getPC())
@@ -99,17 +108,16 @@ class Newton:
 
     def _precondition(self, pc: PETSc.PC) -> None:
         """Give the linear solver its preconditioner."""
-        pc.setType(PETSc.PC.Type.PYTHON)
         displacement, *multipliers = self.unknowns
         assert self._callbacks is not None
-        cycle = (f"{self._prefix}multigrid_", cycle_options(self.options))
-        pc.setPythonContext(
-            Multigrid(displacement, multipliers, self._callbacks.elements, *cycle, self.errors)
-        )
+        settings = (self._prefix, self.options, self.errors)
+        self.multigrid = Multigrid(displacement, multipliers, self._callbacks.elements, *settings)
+        pc.setType(PETSc.PC.Type.PYTHON)
+        pc.setPythonContext(self.multigrid)
 
     def discard(self) -> None:
         """Forget solvers and matrix, which may be incomplete after an error."""
-        self._problem = self._callbacks = None
+        self._problem = self._callbacks = self.multigrid = None
         self._solvers = {}
 
     def solver(self, prefix: str, test: Callable[..., object]) -> PETSc.SNES:
@@ -149,10 +157,13 @@ class Newton:
 
     def aim(self, snes: PETSc.SNES, progress: Progress) -> None:
         """Tell an iterative solver how exactly the next linear system is to be solved."""
-        if self.linear_solver == "multigrid" and "ksp_rtol" not in self.options:
-            ksp = snes.getKSP()
+        if self.multigrid is None:
+            return
+        ksp = snes.getKSP()
+        if "ksp_rtol" not in self.options:
             last = ksp.getTolerances()[0]
             ksp.setTolerances(rtol=accuracy(progress.history, last, progress.excess))
+        self.multigrid.expect(ksp.getTolerances()[0])
 
     def take(self, x: PETSc.Vec) -> None:
         """Put a solution into the unknowns."""

@@ -16,6 +16,21 @@ DEFAULT_OPTIONS: dict[str, object] = {
     "pc_type": "lu",
     "pc_factor_mat_solver_type": "mumps",
 }
+#: Of the solver of the whole system with multigrid.
+KRYLOV_OPTIONS: dict[str, object] = {
+    "ksp_type": "gmres",
+    "ksp_pc_side": "right",
+    "ksp_gmres_restart": 50,
+    "ksp_max_it": 150,
+}
+
+
+def options_of(linear_solver: str, options: Mapping[str, object]) -> dict[str, object]:
+    """Return the options of the solvers of the whole system, those of the user over the default."""
+    if linear_solver == "direct":
+        return {**DEFAULT_OPTIONS, **options}
+    newton = {k: v for k, v in DEFAULT_OPTIONS.items() if k.startswith("snes_")}
+    return {**newton, **KRYLOV_OPTIONS, **options}
 
 
 @contextmanager
@@ -38,7 +53,7 @@ def inside(prefix: str, options: Mapping[str, object]) -> Iterator[None]:
             database.setValue(name, text)
 
 
-def set_up(solver: PETSc.SNES | PETSc.KSP, options: Mapping[str, object]) -> None:
+def set_up(solver: PETSc.SNES | PETSc.KSP | PETSc.PC, options: Mapping[str, object]) -> None:
     """Set up a solver, or say which options PETSc refuses."""
     try:
         with inside(solver.getOptionsPrefix(), options):

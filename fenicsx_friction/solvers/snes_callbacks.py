@@ -9,8 +9,10 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.fem.petsc import assign
 
+from ..base.collective import any_rank
 from ..base.keeping import ErrorKeeper
 from ..equations.contact_terms import ContactTerms, Indices, Law
+from ..equations.dependencies import Dependencies
 from ..obstacles.kinematics import Array
 
 
@@ -33,6 +35,7 @@ class Callbacks:
         unknowns: Its unknowns.
         terms: The terms of contact.
         errors: Keeps what the callbacks raise.
+        tangent: What the matrix of the forms depends on.
 
     Attributes:
         law: The rows of the substep that is being solved.
@@ -45,6 +48,7 @@ class Callbacks:
         unknowns: Sequence[fem.Function],
         terms: ContactTerms,
         errors: ErrorKeeper,
+        tangent: Dependencies,
     ) -> None:
         self._b, (residual, _, residual_data) = snes.getFunction()
         self._forms, _, (jacobian, _, jacobian_data) = snes.getJacobian()
@@ -56,6 +60,8 @@ class Callbacks:
         self._total: PETSc.Mat | None = None
         self._elements: PETSc.Mat | None = None
         self._pattern: tuple[object, ...] = ()
+        self._tangent = tangent
+        self._made_of: list[Array] | None = None
 
     def attach(self, snes: PETSc.SNES) -> None:
         """Give a solver this residual."""
@@ -81,7 +87,7 @@ class Callbacks:
             return False
         self._destroy()
         if not self._forms.isAssembled():
-            self._form_jacobian(x, self._forms)  # the assembly sets its sparsity
+            self._assemble_forms(x)  # sets its sparsity
         size = self._forms.getLocalSize()
         self._elements = PETSc.Mat().create(self._forms.comm)
         self._elements.setSizes(((size[0], None), (size[1], None)))
@@ -123,7 +129,7 @@ class Callbacks:
         """Assemble the Jacobian with scaled rows."""
         with self.errors():
             self._follow(x)
-            self._form_jacobian(x, self._forms)
+            self._assemble_forms(x)
             assert self.law is not None and self._elements is not None
             values = np.concatenate([m.ravel() for m in self._terms.matrices(self.law)])
             self._elements.setValuesCOO(values, addv=PETSc.InsertMode.INSERT_VALUES)
@@ -134,6 +140,15 @@ class Callbacks:
             scale.array[:] = self._row_scale
             J.diagonalScale(scale)
             scale.destroy()
+
+    def _assemble_forms(self, x: PETSc.Vec) -> None:
+        """Assemble the matrix of the forms, unless it would be the same."""
+        now, made_of = self._tangent.values(), self._made_of
+        same = made_of is not None and all(map(np.array_equal, now, made_of))
+        if any_rank(self._forms.comm.tompi4py(), not same):
+            self._made_of = None  # an error or an interrupt may come
+            self._form_jacobian(x, self._forms)
+            self._made_of = [a.copy() for a in now]
 
     def _follow(self, x: PETSc.Vec) -> None:
         """Put the iterate into the unknowns and the kinematics."""

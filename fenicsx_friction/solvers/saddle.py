@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: MIT
+"""The blocks of the whole system that couple displacements and multipliers, on all ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..equations.numbering import num_owned
+from .node_elimination import NodeBlocks, node_blocks
+
+Array = npt.NDArray[np.floating]
+Indices = npt.NDArray[np.int64]
+#: Rows and columns of elements in a matrix.
+Places = Sequence[tuple[Indices, Indices]]
+
+
+class SaddleBlocks:
+    """What couples displacements and multipliers; collective.
+
+    Args:
+        u: The displacement. No other unknown of the bulk is in the system.
+        multipliers: Those of all contacts.
+
+    Attributes:
+        num_u, num_c: How many displacements and multipliers this rank owns.
+        first_row: First row of this rank.
+        forces: Matrix: what multipliers do to the balance of forces.
+        slopes: Matrix: what displacements do in the rows of the law.
+        springs: Matrix: the balance of forces when the multipliers are eliminated, without bulk.
+    """
+
+    def __init__(self, u: fem.Function, multipliers: Sequence[fem.Function]) -> None:
+        V = u.function_space
+        self._comm, self._d = V.mesh.comm, V.mesh.geometry.dim
+        self.num_u, self.num_c = num_owned(u), sum(num_owned(c) for c in multipliers)
+        sizes = np.array(self._comm.allgather((self.num_u, self.num_c)))
+        self._u_sizes, self._starts = sizes[:, 0], np.cumsum([0, *sizes.sum(axis=1)])
+        self._u_starts, self._c_starts = (np.cumsum([0, *column]) for column in sizes.T)
+        self.first_row = int(self._starts[self._comm.rank])
+        self.forces: PETSc.Mat | None = None
+        self._parts: list[NodeBlocks] = []
+
+    def update(self, elements: Sequence[tuple[Indices, Array]]) -> None:
+        """Eliminate the multipliers node by node.
+
+        Args:
+            elements: Rows and matrices of the elements of each contact. The rows are those of the
+                first call until :meth:`destroy`.
+        """
+        self._parts = [node_blocks(*element, self._d) for element in elements]
+        if self.forces is None:
+            self._allocate()
+        for name in ("forces", "slopes", "springs"):
+            values = np.concatenate([getattr(part, name).ravel() for part in self._parts])
+            getattr(self, name).setValuesCOO(values, addv=PETSc.InsertMode.INSERT_VALUES)
+
+    def multipliers(self, rows: Array) -> Array:
+        """Return the multipliers that rows of the law give where nothing moves; of this rank."""
+        result = np.zeros(self.num_c)
+        for part, at in zip(self._parts, self._own, strict=True):
+            result[at] = np.einsum("nij,nj->ni", part.inverse, rows[at])
+        return result
+
+    def destroy(self) -> None:
+        """Free the matrices."""
+        if self.forces is not None:
+            for matrix in (self.forces, self.slopes, self.springs):
+                matrix.destroy()
+        self.forces = None
+
+    def _allocate(self) -> None:
+        """Make the matrices for the stencils of now."""
+        q = [
+            self._numbered(part.q, self._u_starts, np.zeros_like(self._u_sizes))
+            for part in self._parts
+        ]
+        c = [self._numbered(part.c, self._c_starts, self._u_sizes) for part in self._parts]
+        self._own = [numbers - self._c_starts[self._comm.rank] for numbers in c]
+        u_size, c_size = (self.num_u, None), (self.num_c, None)
+        self.slopes = self._sparse((c_size, u_size), list(zip(c, q, strict=True)))
+        self.springs = self._sparse((u_size, u_size), list(zip(q, q, strict=True)))
+        self.forces = self._sparse((u_size, c_size), list(zip(q, c, strict=True)))
+
+    def _numbered(self, rows: Indices, starts: Indices, before: Indices) -> Indices:
+        """Return numbers among the unknowns of one kind, of rows of the whole system.
+
+        Args:
+            rows: The rows, -1 for those that are left out.
+            starts: First number of each rank.
+            before: How many rows of other unknowns come first on each rank.
+        """
+        rank = np.searchsorted(self._starts, np.maximum(rows, 0), side="right") - 1
+        return np.where(rows < 0, -1, rows + (starts[:-1] - self._starts[:-1] - before)[rank])
+
+    def _sparse(self, size: tuple[tuple[int, None], ...], places: Places) -> PETSc.Mat:
+        """Return a matrix with elements at these places."""
+        matrix = PETSc.Mat().create(self._comm)
+        matrix.setSizes(size)
+        matrix.setType(PETSc.Mat.Type.AIJ)
+        i = np.concatenate([np.repeat(r, c.shape[1], axis=1).ravel() for r, c in places])
+        j = np.concatenate([np.tile(c, (1, r.shape[1])).ravel() for r, c in places])
+        out = (i < 0) | (j < 0)
+        i, j = (np.where(out, -1, k).astype(PETSc.IntType) for k in (i, j))
+        matrix.setPreallocationCOO(i, j)
+        return matrix
