@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 import ufl
 from dolfinx import fem, mesh
 
+from .base.validators import choice
 from .contact.contact import Contact
 from .equations import checks
 from .increment.advance import advance
 from .increment.report import StepReport
 from .increment.settings import StepSettings, settings_of
 from .increment.system import ContactSystem
-from .solvers.choice import LinearSolver, linear_solver_of
+from .solvers.choice import LinearSolver
 
 
 class FrictionalContactProblem(ContactSystem):
@@ -28,9 +29,9 @@ class FrictionalContactProblem(ContactSystem):
             ``projection_``.
         petsc_options: PETSc options for all substeps.
         entity_maps: Entity maps of further meshes in ``F``; those of the contacts are added.
-        linear_solver: What solves the linear systems of :attr:`solvers`' full way: ``"direct"``, a
-            factorisation by MUMPS; ``"multigrid"``, a Krylov method with algebraic multigrid, for
-            large models in 3D; ``"auto"`` takes one or the other by size.
+        linear_solver: What solves the linear systems: ``"direct"``, a factorisation by MUMPS;
+            ``"multigrid"``, GMRES with algebraic multigrid, for large models in 3D; ``"auto"``, one
+            or the other by size. See docs/solvers.md.
         settings: How a step is solved.
 
     Raises:
@@ -56,8 +57,8 @@ class FrictionalContactProblem(ContactSystem):
         options = (petsc_options_prefix, petsc_options, entity_maps)
         how = settings_of(settings)
         checks.check_problem(blocks, unknowns, contacts, conditions, *options)
-        linear = linear_solver_of(linear_solver, blocks, unknowns, petsc_options or {})
-        super().__init__(blocks, unknowns, contacts, conditions, *options, linear, how)
+        choice(linear_solver, "linear_solver", ("auto", "direct", "multigrid"))
+        super().__init__(blocks, unknowns, contacts, conditions, *options, linear_solver, how)
 
     def solve(self) -> StepReport:
         """Solve one increment to the current loads, certify it and commit it.

@@ -102,6 +102,7 @@ def block(
     length=1.0,
     modulus=1000.0,
     comm=MPI.COMM_WORLD,
+    linear_solver="auto",
     **settings,
 ) -> Block:
     """Build the block ``1.2 x 0.9 x 0.5``, ``nu = 0.3``, rotated with its plane.
@@ -136,6 +137,7 @@ def block(
         contact=contact,
         bcs=[fem.dirichletbc(top, held)],
         petsc_options_prefix=prefix,
+        linear_solver=linear_solver,
         settings=ff.StepSettings(**settings),
     )
     return Block(problem, contact, top, frame, stored)

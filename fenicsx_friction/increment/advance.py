@@ -57,6 +57,8 @@ def _advance(system: ContactSystem) -> StepReport:
             failed = _Failed(report, found.crossed, snapshot.ProblemSnapshot(system))
         if found.crossed or report.certificate.drowned:
             break  # another way to solve the step would not fare better
+        if _cannot_solve(system, report):
+            break
         distrusted = way.condensed and (found.converged or found.unbalanced)
     assert failed is not None
     report = replace(
@@ -68,6 +70,13 @@ def _advance(system: ContactSystem) -> StepReport:
     if system.settings.raise_on_uncertified:
         raise StepFailed("\n".join([explain(system, report), *failed.crossed]), report)
     return report
+
+
+def _cannot_solve(system: ContactSystem, report: StepReport) -> bool:
+    """Tell whether an iterative linear solver failed: it would fail in the other ways, too."""
+    last, options = report.substeps[-1:], system.solvers.full.options
+    iterative = options["ksp_type"] != "preonly" and report.solver == "full"
+    return iterative and any("LINEAR" in s.reason for s in last)
 
 
 def _ways(trials: Trials) -> Iterator[Way]:

@@ -115,7 +115,7 @@ def _advice(report: StepReport) -> list[str]:
             "or by contact that touches?"
         )
     failures = Counter(s.failure for s in report.substeps if s.failure)
-    advice += [f"The factorisation failed {n} times: {text}." for text, n in failures.items()]
+    advice += [f"The linear solver failed {n} times: {text}." for text, n in failures.items()]
     if any("NAN" in reason for reason in reasons):
         advice.append("The residual is not finite: look for NaN in loads, bcs, and inverted cells.")
     return [*advice, SMALLER_STEP]

@@ -63,6 +63,8 @@ class StepReport:
         others: Further solutions that were found, see ``StepSettings.look_for_others``.
         searched: The substeps of the search for them.
         solver: ``condensed`` or ``full``, see :class:`SubstepReport`: what led to the final state.
+        linear_solver: ``direct`` or ``multigrid``: what solved its linear systems.
+        set_ups: How often the levels of multigrid were made.
     """
 
     step: int
@@ -72,6 +74,8 @@ class StepReport:
     certificate: Certificate
     factorisations: int = 0
     solver: str = "full"
+    linear_solver: str = "direct"
+    set_ups: int = 0
     others: tuple[OtherSolution, ...] = ()
     searched: tuple[SubstepReport, ...] = ()
 
@@ -79,6 +83,11 @@ class StepReport:
     def iterations(self) -> int:
         """Newton iterations up to the first solution, each one linear solve of any size."""
         return sum(substep.iterations for substep in self.substeps)
+
+    @property
+    def krylov(self) -> int:
+        """Iterations of the linear solver up to the first solution, one a solve if it is direct."""
+        return sum(substep.krylov for substep in self.substeps)
 
     @property
     def certified(self) -> bool:

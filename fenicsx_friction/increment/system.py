@@ -43,7 +43,7 @@ class ContactSystem:
         bcs: Dirichlet conditions on the unknowns.
         prefix, options: Prefix of PETSc options, and options for all substeps.
         entity_maps: Entity maps of further meshes in ``blocks``; those of the contacts are added.
-        linear_solver: ``direct`` or ``multigrid``.
+        linear_solver: ``auto``, ``direct`` or ``multigrid``.
         settings: How a step is solved.
 
     Attributes:

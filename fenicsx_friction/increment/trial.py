@@ -74,7 +74,7 @@ class Trials:
         self.system, self._changed, self._start = system, changed, snapshot.save(changed)
         self.substeps: list[SubstepReport] = []
         self.tried: list[tuple[Attempt, bool]] = []
-        self._made = system.solvers.factorisations
+        self._made, self._set_ups = system.solvers.factorisations, system.solvers.full.set_ups
 
     @property
     def factorisations(self) -> int:
@@ -122,6 +122,8 @@ class Trials:
             replace(certificate, crossed=len(crossed)),
             self.factorisations,
             solver,
+            "direct" if solver == "condensed" else system.solvers.full.linear_solver,
+            system.solvers.full.set_ups - self._set_ups,
         )
         return report, crossed
 

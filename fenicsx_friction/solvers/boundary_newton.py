@@ -79,6 +79,10 @@ class BoundaryNewton:
     def aim(self, snes: PETSc.SNES, progress: Progress) -> None:
         """Do nothing: linear systems are solved directly."""
 
+    def may_try_again(self, snes: PETSc.SNES) -> bool:
+        """Return ``False``: the same matrix fails again."""
+        return False
+
     def take(self, x: PETSc.Vec) -> None:
         """Put a solution into the unknowns on the boundary."""
         self.equations.accept(x)

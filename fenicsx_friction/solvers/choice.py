@@ -1,25 +1,75 @@
 # SPDX-License-Identifier: MIT
-"""Which linear solver a problem takes."""
+"""Which linear solver a problem takes for its whole system."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
-import ufl
+import numpy as np
 from dolfinx import fem
 
-from ..base.validators import choice
+from ..base.errors import ContactInputError
+from ..surfaces.surface import is_nodal
+from .condensed_bulk import CondensedBulk
 
 LinearSolver = Literal["auto", "direct", "multigrid"]
 
+#: Displacements in 3D above which multigrid is the cheaper way.
+MULTIGRID_FROM = 10_000
+#: Up to so many displacements in contact, solving on the boundary is the cheaper way, and in 3D up
+#: to so many displacements in all: the memory of a factor grows with their power 4/3.
+MOST_DOFS, MOST_IN_3D = 4000, 100_000
+
 
 def linear_solver_of(
-    asked: LinearSolver,
-    blocks: Sequence[ufl.Form],
-    unknowns: Sequence[fem.Function],
-    options: Mapping[str, object],
+    asked: str, unknowns: Sequence[fem.Function], options: Mapping[str, object], *, condensed: bool
 ) -> str:
-    """Return ``direct`` or ``multigrid``."""
-    choice(asked, "linear_solver", ("auto", "direct", "multigrid"))
-    return "direct" if asked == "auto" else asked
+    """Return ``direct`` or ``multigrid``.
+
+    Args:
+        asked: ``auto``, ``direct`` or ``multigrid``.
+        unknowns: Those of the bulk, displacement first.
+        options: PETSc options of the user.
+        condensed: Whether steps are solved on the boundary if nothing else is asked for.
+
+    Raises:
+        ContactInputError: If multigrid is asked for and not possible.
+    """
+    reason = _obstacle_to_multigrid(asked, unknowns, options)
+    if asked == "multigrid" and reason:
+        raise ContactInputError(f"linear_solver = 'multigrid': {reason}; take 'direct'.")
+    if asked != "auto":
+        return asked
+    V = unknowns[0].function_space
+    large = V.dofmap.index_map.size_global * V.dofmap.index_map_bs > MULTIGRID_FROM
+    chosen = large and V.mesh.geometry.dim == 3 and not reason and not condensed
+    return "multigrid" if chosen else "direct"
+
+
+def suits_boundary(bulk: CondensedBulk, u: fem.Function) -> bool:
+    """Tell whether a bulk is to be factored once, and its steps solved on the boundary."""
+    V = u.function_space
+    size, solid = V.dofmap.index_map.size_global * V.dofmap.index_map_bs, V.mesh.geometry.dim == 3
+    most = MOST_IN_3D if solid else np.inf
+    return bulk.linear and bulk.size <= MOST_DOFS and size <= most
+
+
+def _obstacle_to_multigrid(
+    asked: str, unknowns: Sequence[fem.Function], options: Mapping[str, object]
+) -> str:
+    """Say why there can be no multigrid; empty if there can."""
+    if len(unknowns) > 1:
+        return "it solves for displacements and contact tractions only, and there are more unknowns"
+    if not is_nodal(unknowns[0].function_space):
+        return (
+            f"it knows displacements with values at the vertices only, not "
+            f"{unknowns[0].function_space.ufl_element()}"
+        )
+    others = ("pc_",) if asked == "multigrid" else ("pc_", "ksp_type")
+    if found := [name for name in options if name.startswith(others)]:
+        return (
+            f"petsc_options has '{found[0]}', which asks for another solver (options of the "
+            "V-cycle begin with 'multigrid_', such as 'multigrid_pc_gamg_threshold')"
+        )
+    return ""

@@ -19,6 +19,7 @@ from ..equations.contact_terms import ContactTerms
 from ..equations.forces import ForceScales
 from .boundary import BoundaryEquations
 from .boundary_newton import BoundaryNewton
+from .choice import linear_solver_of, suits_boundary
 from .condensed_bulk import Array, CondensedBulk
 from .newton import Newton
 from .options import DEFAULT_OPTIONS
@@ -78,28 +79,31 @@ def solvers_of(
         terms: How contact enters the equations.
         residuals: Returns the rows of the residuals at the owned dofs, without contact.
         tangent: Stiffness of the displacement; is used or destroyed.
-        linear_solver: ``direct`` or ``multigrid``.
+        linear_solver: ``auto``, ``direct`` or ``multigrid``.
     """
     given = options or {}
     own = options_for(contacts, options)
-    options = {**DEFAULT_OPTIONS, **own}
     state = [*unknowns, *(k.c for k in contacts)]
-    forms = [*blocks, *(place(k) for k in contacts)]
-    full = Newton(forms, state, bcs, prefix, own, entity_maps, scales, terms, linear_solver)
     tangents = [
         [None if J is None else expand_derivatives(J) for J in row]
         for row in jacobian_blocks(blocks, unknowns)
     ]
-    reason = obstacle_to_condensing(blocks, unknowns, contacts, options)
+    reason = obstacle_to_condensing(blocks, unknowns, contacts, own)
+    boundary = None
     if reason or len(unknowns) > 1:
         tangent.destroy()
-    if reason:
-        return Solvers(full, None, reason)
-    of_bulk = {k: v for k, v in options.items() if k in given or not k.startswith("mat_")}
-    settings = (f"{prefix}bulk_", of_bulk, tangent if len(unknowns) == 1 else None)
-    bulk = CondensedBulk(tangents, unknowns, bcs, entity_maps, contacts, residuals, *settings)
-    equations = BoundaryEquations(bulk, state, contacts, bcs)
-    return Solvers(full, BoundaryNewton(equations, state, options, scales))
+    if not reason:
+        all_options = {**DEFAULT_OPTIONS, **own}
+        of_bulk = {k: v for k, v in all_options.items() if k in given or not k.startswith("mat_")}
+        settings = (f"{prefix}bulk_", of_bulk, tangent if len(unknowns) == 1 else None)
+        bulk = CondensedBulk(tangents, unknowns, bcs, entity_maps, contacts, residuals, *settings)
+        equations = BoundaryEquations(bulk, state, contacts, bcs)
+        boundary = BoundaryNewton(equations, state, all_options, scales)
+    small = boundary is not None and suits_boundary(boundary.equations.bulk, unknowns[0])
+    chosen = linear_solver_of(linear_solver, unknowns, given, condensed=small)
+    forms = [*blocks, *(place(k) for k in contacts)]
+    full = Newton(forms, state, bcs, prefix, own, entity_maps, scales, terms, chosen)
+    return Solvers(full, boundary, reason)
 
 
 def options_for(

@@ -111,6 +111,23 @@ def factor_failure(snes: PETSc.SNES) -> str:
     return f"{solver} could not factorise the matrix (PETSc's reason {pc.getFailedReason()})"
 
 
+def krylov_failure(snes: PETSc.SNES) -> str:
+    """Say in plain words how the last iterative linear solve failed; empty if it did not."""
+    ksp = snes.getKSP()
+    pc, reason = ksp.getPC(), ksp.getConvergedReason()
+    if ksp.getType() == "preonly" or reason >= 0:
+        return ""
+    if not np.isfinite(pc.getOperators()[1].norm(PETSc.NormType.FROBENIUS)):
+        return "the matrix contains NaN or infinite numbers: look at loads, materials and fields"
+    kind = "multigrid" if pc.getType() == "python" else pc.getType()
+    names = PETSc.KSP.ConvergedReason.__dict__.items()
+    name = next((n for n, number in names if number == reason and "_" in n), str(reason))
+    return (
+        f"the linear solver {ksp.getType()} with {kind} ended after {ksp.getIterationNumber()} "
+        f"iterations, {name}; is the body held? Take linear_solver='direct', or other petsc_options"
+    )
+
+
 def out_of_memory(snes: PETSc.SNES) -> bool:
     """Tell whether the last factorisation ran out of memory; smaller steps do not help then."""
     code, _ = _mumps_code(snes.getKSP())

@@ -20,7 +20,7 @@ from ..equations.dependencies import Dependencies
 from ..equations.forces import ForceScales
 from .convergence import Progress
 from .inexact import accuracy
-from .linear import forget_factor, require_solver
+from .linear import forget_factor, require_solver, workspace_too_small
 from .multigrid import Multigrid
 from .options import effective, options_of, set_up
 from .snes_callbacks import Callbacks
@@ -79,6 +79,7 @@ class Newton:
         self._solvers: dict[str, PETSc.SNES] = {}
         self._linear_options: dict[str, str] = {}
         self.multigrid: Multigrid | None = None
+        self._earlier = 0
 
     @property
     def problem(self) -> NonlinearProblem:
@@ -115,8 +116,14 @@ class Newton:
         pc.setType(PETSc.PC.Type.PYTHON)
         pc.setPythonContext(self.multigrid)
 
+    @property
+    def set_ups(self) -> int:
+        """How often the levels of multigrid were made."""
+        return self._earlier + (0 if self.multigrid is None else self.multigrid.set_ups)
+
     def discard(self) -> None:
         """Forget solvers and matrix, which may be incomplete after an error."""
+        self._earlier = self.set_ups
         self._problem = self._callbacks = self.multigrid = None
         self._solvers = {}
 
@@ -164,6 +171,16 @@ class Newton:
             last = ksp.getTolerances()[0]
             ksp.setTolerances(rtol=accuracy(progress.history, last, progress.excess))
         self.multigrid.expect(ksp.getTolerances()[0])
+
+    def may_try_again(self, snes: PETSc.SNES) -> bool:
+        """Tell whether a linear solver that failed may do better when it is made anew."""
+        if self.multigrid is not None:
+            self.multigrid.forget()
+            return not self.multigrid.fresh
+        if too_small := workspace_too_small(snes):
+            # MUMPS analysed the matrix of another substep, where fewer pivots had to wait.
+            forget_factor(snes)
+        return too_small
 
     def take(self, x: PETSc.Vec) -> None:
         """Put a solution into the unknowns."""

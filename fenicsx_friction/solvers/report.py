@@ -19,7 +19,7 @@ class SubstepReport:
         residuals: 2-norms of the residual (N), one an iteration and the initial one, of the last
             try if it was repeated with more memory.
         accepted: Whether the substep's end state was used.
-        failure: Why a factorisation failed, in plain words.
+        failure: Why a linear solve failed, in plain words.
         solver: ``full``: an iteration solves the whole system; ``condensed``: a dense system of
             the dofs of the contact surfaces.
         krylov: Iterations of the linear solver in all, one each for a direct one.

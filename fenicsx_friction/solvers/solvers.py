@@ -13,12 +13,10 @@ import numpy as np
 from ..base.errors import ContactInputError
 from ..base.log import tell
 from .boundary_newton import BoundaryNewton
+from .choice import suits_boundary
 from .condensed_bulk import Array
 from .newton import Newton
 from .schur import FactorFailed
-
-#: Up to so many displacements in contact, solving on the boundary is the cheaper way.
-MOST_DOFS = 4000
 
 
 class Solvers:
@@ -53,8 +51,9 @@ class Solvers:
             )
         if self._boundary is None:
             return False
-        bulk = self._boundary.equations.bulk
-        if how == "condensed" or (how == "auto" and bulk.linear and bulk.size <= MOST_DOFS):
+        bulk, unknowns = self._boundary.equations.bulk, self.full.unknowns
+        cheaper = self.full.linear_solver == "direct" and suits_boundary(bulk, unknowns[0])
+        if how == "condensed" or (how == "auto" and cheaper):
             return True
         bulk.discard()
         return False

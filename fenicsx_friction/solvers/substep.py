@@ -24,8 +24,8 @@ from .linear import (
     MORE_WORKSPACE,
     factor_failure,
     forget_factor,
+    krylov_failure,
     out_of_memory,
-    workspace_too_small,
 )
 from .newton import Newton
 from .options import inside, reason_name
@@ -171,15 +171,13 @@ class Substep:
         )
 
     def _run(self, target: PETSc.Vec | None) -> tuple[bool, str]:
-        """Solve; once more if MUMPS has estimated its workspace too small."""
+        """Solve; once more if the linear solver failed for a reason that can be mended."""
         unknowns, options = self._newton.unknowns, dict(self._newton.options)
         start = [f.x.array.copy() for f in unknowns]
         found = self._run_once(target, options)
-        if self.solver.getConvergedReason() == LINEAR and workspace_too_small(self.solver):
-            # It analysed the matrix of another substep, where fewer pivots had to wait.
+        if self.solver.getConvergedReason() == LINEAR and self._newton.may_try_again(self.solver):
             for f, values in zip(unknowns, start, strict=True):
                 f.x.array[:] = values
-            forget_factor(self.solver)
             self._spent = len(self._progress.history) - 1
             self._progress = Progress(self._newton.measure, self._progress.tolerance)
             found = self._run_once(target, MORE_WORKSPACE | options)
@@ -203,7 +201,7 @@ class Substep:
 
     def _explain_failure(self, snes: PETSc.SNES) -> None:
         """Say why a factorisation failed, and forget the factor, which cannot be used then."""
-        self._failure = factor_failure(snes)
+        self._failure = factor_failure(snes) or krylov_failure(snes)
         memory = out_of_memory(snes)
         forget_factor(snes)
         if memory:
