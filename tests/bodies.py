@@ -67,6 +67,7 @@ def stack(
     hold=None,
     warp=None,
     obstacle=None,
+    linear_solver="auto",
     **settings,
 ) -> Stack:
     """Build a block on a base; lengths (m), ``E`` (Pa) of both or of the block and the base.
@@ -115,6 +116,7 @@ def stack(
         contact=contact,
         bcs=bcs,
         petsc_options_prefix=prefix,
+        linear_solver=linear_solver,
         settings=ff.StepSettings(**settings),
     )
     return Stack(problem, contact, moved, bottom, stored, tags)
