@@ -7,6 +7,7 @@ import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
+from fenicsx_friction.solvers import choice, node_elimination, saddle
 from models import block, with_contact
 
 pytestmark = pytest.mark.mpi
@@ -24,9 +25,9 @@ LAWS = {
 }
 
 
-def follow(make, path=PATH):
+def follow(model, path=PATH):
     """Return reports and unknowns of all steps."""
-    model, found = make, []
+    found = []
     for place in path:
         model.move(*place)
         report = model.problem.solve()
@@ -43,7 +44,9 @@ def assert_same(direct, multigrid):
         if report.iterations:
             assert report.krylov >= report.iterations
         for a, b in zip(states, others, strict=True):
-            assert np.max(abs(a - b), initial=0.0) <= 1e-9 * max(np.max(abs(a), initial=0.0), 1e-300)
+            assert np.max(abs(a - b), initial=0.0) <= 1e-9 * max(
+                np.max(abs(a), initial=0.0), 1e-300
+            )
 
 
 @pytest.mark.parametrize("energy", ["small", "finite"])
@@ -52,7 +55,9 @@ def assert_same(direct, multigrid):
 def test_block_on_a_plane(cell, mu, energy):
     def made(linear):
         name = f"mg_{linear}_{cell}_{mu}_{energy}_"
-        return block(cell, mu, name, n=(6, 5, 4), energy=energy, linear_solver=linear, solver="full")
+        return block(
+            cell, mu, name, n=(6, 5, 4), energy=energy, linear_solver=linear, solver="full"
+        )
 
     assert_same(follow(made("direct")), follow(made("multigrid")))
 
@@ -99,3 +104,116 @@ def test_two_bodies(cell, energy):
 
     path = [(0.0, 0.0, -0.02), (0.01, 0.0, -0.02), (0.06, 0.02, -0.03)]
     assert_same(follow(made("direct"), path), follow(made("multigrid"), path))
+
+
+def test_pairs_take_no_more_iterations_than_planes():
+    """Stiff springs between nodes of two bodies would take four times as many."""
+    model = stack(0.4, "mg_count_", upper=(8, 8, 4), lower=(6, 6, 4), linear_solver="multigrid")
+    for place in [(0.0, 0.0, -0.02), (0.01, 0.0, -0.02)]:
+        model.move(*place)
+        assert model.problem.solve().krylov <= 60  # 32 and 34 here, 105 with springs as for planes
+
+
+def test_the_levels_serve_many_steps():
+    """Slip fronts, reversals and openings change the finest level only."""
+    body = block("hexahedron", 0.3, "mg_levels_", n=(10, 8, 6), linear_solver="multigrid")
+    reports = [report for report, _ in follow(body, PATH + PATH[:2])]
+    assert reports[0].set_ups >= 1
+    assert sum(r.set_ups for r in reports) <= 3
+    assert sum(r.iterations for r in reports) >= 15
+
+
+def test_levels_that_are_worn_are_made_anew(monkeypatch):
+    """A hierarchy of another matrix is found out by its iterations, or by its failure."""
+    body = block("hexahedron", 0.3, "mg_worn_", n=(6, 5, 4), linear_solver="multigrid")
+    body.move(0.0, 0.0, -0.01)
+    assert body.problem.solve().certified
+    young = next(f for f in body.stored.coefficients() if f.name != "u" and f.ufl_shape == ())
+    young.x.array[: len(young.x.array) // 2] *= 100.0
+    body.move(0.005, 0.0, -0.011)
+    report = body.problem.solve()
+    assert report.certified
+    assert report.set_ups >= 1
+
+
+@pytest.mark.parametrize("linear", ["auto", "direct", "multigrid"])
+def test_the_choice_is_told(linear):
+    body = block("hexahedron", 0.3, f"mg_told_{linear}_", linear_solver=linear)
+    body.move(0.0, 0.0, -0.01)
+    report = body.problem.solve()
+    small = {"auto": "direct", "direct": "direct", "multigrid": "multigrid"}
+    assert report.linear_solver == small[linear]
+    assert report.solver == ("full" if linear == "multigrid" else "condensed")
+
+
+def test_auto_takes_multigrid_for_large_solids(monkeypatch):
+    monkeypatch.setattr(choice, "MULTIGRID_FROM", 100)
+    finite = block("hexahedron", 0.3, "mg_large_", energy="finite")
+    assert finite.problem.solvers.full.linear_solver == "multigrid"
+    assert block("hexahedron", 0.3, "mg_l_").problem.solvers.full.linear_solver == "direct"
+    monkeypatch.setattr(choice, "MOST_IN_3D", 100)
+    small = block("hexahedron", 0.3, "mg_linear_")
+    assert small.problem.solvers.full.linear_solver == "multigrid"
+    for options in ({"pc_type": "lu"}, {"ksp_type": "cg"}):
+        mine = with_contact(small, contact_of(small), "mg_user_", petsc_options=options)
+        assert mine.solvers.full.linear_solver == "direct"
+
+
+def contact_of(body):
+    """Return a contact like that of a body."""
+    return ff.Contact(body.contact.surface, body.contact.obstacle, ff.Coulomb(0.3))
+
+
+def test_what_multigrid_cannot_do_is_refused():
+    body = block("hexahedron", 0.3, "mg_refused_")
+    for options, match in (
+        ({"linear_solver": "gamg"}, "linear_solver"),
+        ({"linear_solver": "multigrid", "petsc_options": {"pc_type": "lu"}}, "multigrid_pc_gamg"),
+    ):
+        with pytest.raises(ff.ContactInputError, match=match):
+            with_contact(body, contact_of(body), "mg_refused_too_", **options)
+
+
+def test_options_reach_the_cycle():
+    body = block("hexahedron", 0.3, "mg_options_body_", n=(6, 5, 4))
+    options = {"multigrid_mg_levels_ksp_max_it": 3}
+    problem = with_contact(
+        body, contact_of(body), "mg_options_", petsc_options=options, linear_solver="multigrid"
+    )
+    body.move(0.0, 0.0, -0.01)
+    thorough = problem.solve()
+    other = block("hexahedron", 0.3, "mg_usual_", n=(6, 5, 4), linear_solver="multigrid")
+    other.move(0.0, 0.0, -0.01)
+    assert thorough.certified and thorough.krylov < other.problem.solve().krylov
+
+
+@pytest.mark.parametrize("options", [{"ksp_type": "gmres", "pc_type": "jacobi"}])
+def test_a_linear_solver_that_cannot_work_is_named_at_once(options):
+    body = block("hexahedron", 0.3, "mg_jacobi_body_", n=(6, 5, 4))
+    options = {**options, "ksp_max_it": 5}
+    problem = with_contact(body, contact_of(body), "mg_jacobi_", petsc_options=options)
+    body.move(0.0, 0.0, -0.01)
+    with pytest.raises(ff.StepFailed, match=r"gmres with jacobi .*DIVERGED.*'direct'") as failed:
+        problem.solve()
+    assert len(failed.value.report.substeps) == 2
+
+
+def test_broken_parts_of_the_preconditioner_are_no_wrong_answers(monkeypatch):
+    """A preconditioner decides about iterations, never about the solution."""
+    exact = node_elimination.node_blocks
+
+    def wrong(*arguments):
+        blocks = exact(*arguments)
+        return replace(blocks, springs=0.0 * blocks.springs, slopes=-blocks.slopes)
+
+    monkeypatch.setattr(saddle, "node_blocks", wrong)
+    body = block("hexahedron", 0.3, "mg_wrong_", linear_solver="multigrid")
+    body.move(0.0, 0.0, -0.01)
+    try:
+        report = body.problem.solve()
+    except ff.StepFailed:
+        return
+    direct = block("hexahedron", 0.3, "mg_right_", linear_solver="direct")
+    direct.move(0.0, 0.0, -0.01)
+    force = direct.problem.solve().contacts[0].force
+    assert report.contacts[0].force == pytest.approx(np.array(force), rel=1e-9, abs=1e-9)

@@ -30,8 +30,8 @@ class StepSettings:
         solver: ``"condensed"``: contact is solved on the boundary of the bulk, which is factored
             once if it is linear in its unknowns, else a few times a step; ``"full"``: the whole
             system in each iteration; ``"auto"``: condensed for bulks that are linear, up to
-            :data:`~fenicsx_friction.solvers.choice.MOST_DOFS` dofs of the contact surfaces, and where
-            ``linear_solver`` is not ``"multigrid"``.
+            :data:`~fenicsx_friction.solvers.choice.MOST_DOFS` dofs of the contact surfaces, unless
+            the problem's linear solver is multigrid.
         look_for_others: Look for further solutions of each step from other starts, take the one
             nearest to the last accepted state, and warn. ``None``: from starts that cost little,
             on the boundary, where a friction limit at unit pressure is above
