@@ -14,6 +14,7 @@ from .increment.report import StepReport
 from .increment.settings import StepSettings, settings_of
 from .increment.system import ContactSystem
 from .solvers.choice import LinearSolver
+from .solvers.options import SolverOptions
 
 
 class FrictionalContactProblem(ContactSystem):
@@ -54,11 +55,11 @@ class FrictionalContactProblem(ContactSystem):
     ) -> None:
         blocks, unknowns = checks.residuals(F), checks.functions(u)
         contacts, conditions = checks.contacts_of(contact), checks.conditions(bcs)
-        options = (petsc_options_prefix, petsc_options, entity_maps)
-        how = settings_of(settings)
-        checks.check_problem(blocks, unknowns, contacts, conditions, *options)
+        how, parts = settings_of(settings), (blocks, unknowns, contacts, conditions)
+        checks.check_problem(*parts, petsc_options_prefix, petsc_options, entity_maps)
         choice(linear_solver, "linear_solver", ("auto", "direct", "multigrid"))
-        super().__init__(blocks, unknowns, contacts, conditions, *options, linear_solver, how)
+        options = SolverOptions(petsc_options_prefix, petsc_options or {}, linear_solver)
+        super().__init__(*parts, options, entity_maps, how)
 
     def solve(self) -> StepReport:
         """Solve one increment to the current loads, certify it and commit it.

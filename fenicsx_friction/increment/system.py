@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The system of equations: the user's bulk residual with contact rows beside it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from itertools import zip_longest
 
 from mpi4py import MPI
@@ -24,6 +24,7 @@ from ..equations.contact_terms import ContactTerms
 from ..equations.forces import ForceScales
 from ..equations.numbering import num_owned
 from ..solvers.condensing import solvers_of
+from ..solvers.options import SolverOptions
 from ..solvers.report import SubstepReport
 from ..solvers.substep import Substep, substeps
 from ..surfaces.measures import share_facet_data
@@ -41,9 +42,8 @@ class ContactSystem:
         unknowns: Their unknowns, displacement first.
         contacts: The contacts.
         bcs: Dirichlet conditions on the unknowns.
-        prefix, options: Prefix of PETSc options, and options for all substeps.
+        options: Options of the solvers.
         entity_maps: Entity maps of further meshes in ``blocks``; those of the contacts are added.
-        linear_solver: ``auto``, ``direct`` or ``multigrid``.
         settings: How a step is solved.
 
     Attributes:
@@ -68,10 +68,8 @@ class ContactSystem:
         unknowns: Sequence[fem.Function],
         contacts: Sequence[Contact],
         bcs: Sequence[fem.DirichletBC],
-        prefix: str,
-        options: Mapping[str, object] | None,
+        options: SolverOptions,
         entity_maps: Sequence[mesh.EntityMap] | None,
-        linear_solver: str,
         settings: StepSettings,
     ) -> None:
         self.unknowns, self.contacts, self.bcs = list(unknowns), list(contacts), list(bcs)
@@ -88,7 +86,7 @@ class ContactSystem:
         self.dt = fem.Constant(V.mesh, default_scalar_type(1.0))
         kept = [(k, dict(vars(k))) for k in self.contacts]
         try:
-            self._set_up(blocks, prefix, options, entity_maps, linear_solver)
+            self._set_up(blocks, options, entity_maps)
             self._motions = claim_motions(self.contacts, self)
         except BaseException:
             for part, attributes in kept:
@@ -99,10 +97,8 @@ class ContactSystem:
     def _set_up(
         self,
         blocks: list[ufl.Form],
-        prefix: str,
-        options: Mapping[str, object] | None,
+        options: SolverOptions,
         entity_maps: Sequence[mesh.EntityMap] | None,
-        linear_solver: str,
     ) -> None:
         """Bind the contacts and make forms, scales and substeps."""
         V, surfaces = self.u.function_space, [k.surface for k in self.contacts]
@@ -136,15 +132,13 @@ class ContactSystem:
             self.contacts,
             self.bcs,
             self._entity_maps,
-            prefix,
             options,
             self.scales,
             self.terms,
             weakly(self, lambda there: [there.assemble_bulk(), *there.assemble_others()]),
             tangent,
-            linear_solver,
         )
-        parts = (prefix, self.solvers, self._eps, self._xi, self._ramp_sign)
+        parts = (options.prefix, self.solvers, self._eps, self._xi, self._ramp_sign)
         self.stick, self.slip, self.projection = substeps(*parts)
 
     @property

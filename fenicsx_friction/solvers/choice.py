@@ -12,6 +12,7 @@ from dolfinx import fem
 from ..base.errors import ContactInputError
 from ..surfaces.surface import is_nodal
 from .condensed_bulk import CondensedBulk
+from .options import SolverOptions
 
 LinearSolver = Literal["auto", "direct", "multigrid"]
 
@@ -23,20 +24,20 @@ MOST_DOFS, MOST_IN_3D = 4000, 100_000
 
 
 def linear_solver_of(
-    asked: str, unknowns: Sequence[fem.Function], options: Mapping[str, object], *, condensed: bool
+    options: SolverOptions, unknowns: Sequence[fem.Function], *, condensed: bool
 ) -> str:
     """Return ``direct`` or ``multigrid``.
 
     Args:
-        asked: ``auto``, ``direct`` or ``multigrid``.
+        options: Options of the solvers.
         unknowns: Those of the bulk, displacement first.
-        options: PETSc options of the user.
         condensed: Whether steps are solved on the boundary if nothing else is asked for.
 
     Raises:
         ContactInputError: If multigrid is asked for and not possible.
     """
-    reason = _obstacle_to_multigrid(asked, unknowns, options)
+    asked = options.linear_solver
+    reason = _obstacle_to_multigrid(asked, unknowns, options.given)
     if asked == "multigrid" and reason:
         raise ContactInputError(f"linear_solver = 'multigrid': {reason}; take 'direct'.")
     if asked != "auto":

@@ -22,7 +22,7 @@ from .boundary_newton import BoundaryNewton
 from .choice import linear_solver_of, suits_boundary
 from .condensed_bulk import Array, CondensedBulk
 from .newton import Newton
-from .options import DEFAULT_OPTIONS
+from .options import DEFAULT_OPTIONS, SolverOptions
 from .solvers import Solvers
 
 #: Options of a user that start so ask for another way to solve the whole system.
@@ -57,13 +57,11 @@ def solvers_of(
     contacts: Sequence[Contact],
     bcs: Sequence[fem.DirichletBC],
     entity_maps: Sequence[mesh.EntityMap],
-    prefix: str,
-    options: Mapping[str, object] | None,
+    options: SolverOptions,
     scales: ForceScales,
     terms: ContactTerms,
     residuals: Callable[[], Sequence[Array]],
     tangent: PETSc.Mat,
-    linear_solver: str,
 ) -> Solvers:
     """Return the solvers of a problem; collective.
 
@@ -73,16 +71,13 @@ def solvers_of(
         contacts: The contacts.
         bcs: Dirichlet conditions.
         entity_maps: Entity maps of all meshes in the residuals.
-        prefix: Prefix of the PETSc options.
-        options: PETSc options of the user.
+        options: Options of the solvers.
         scales: Measures residuals.
         terms: How contact enters the equations.
         residuals: Returns the rows of the residuals at the owned dofs, without contact.
         tangent: Stiffness of the displacement; is used or destroyed.
-        linear_solver: ``auto``, ``direct`` or ``multigrid``.
     """
-    given = options or {}
-    own = options_for(contacts, options)
+    own = options_for(contacts, options.given)
     state = [*unknowns, *(k.c for k in contacts)]
     tangents = [
         [None if J is None else expand_derivatives(J) for J in row]
@@ -94,21 +89,21 @@ def solvers_of(
         tangent.destroy()
     if not reason:
         all_options = {**DEFAULT_OPTIONS, **own}
-        of_bulk = {k: v for k, v in all_options.items() if k in given or not k.startswith("mat_")}
-        settings = (f"{prefix}bulk_", of_bulk, tangent if len(unknowns) == 1 else None)
+        of_bulk = {
+            k: v for k, v in all_options.items() if k in options.given or not k.startswith("mat_")
+        }
+        settings = (f"{options.prefix}bulk_", of_bulk, tangent if len(unknowns) == 1 else None)
         bulk = CondensedBulk(tangents, unknowns, bcs, entity_maps, contacts, residuals, *settings)
         equations = BoundaryEquations(bulk, state, contacts, bcs)
         boundary = BoundaryNewton(equations, state, all_options, scales)
     small = boundary is not None and suits_boundary(boundary.equations.bulk, unknowns[0])
-    chosen = linear_solver_of(linear_solver, unknowns, given, condensed=small)
+    chosen = linear_solver_of(options, unknowns, condensed=small)
     forms = [*blocks, *(place(k) for k in contacts)]
-    full = Newton(forms, state, bcs, prefix, own, entity_maps, scales, terms, chosen)
+    full = Newton(forms, state, bcs, options.prefix, own, entity_maps, scales, terms, chosen)
     return Solvers(full, boundary, reason)
 
 
-def options_for(
-    contacts: Sequence[Contact], options: Mapping[str, object] | None
-) -> dict[str, object]:
+def options_for(contacts: Sequence[Contact], options: Mapping[str, object]) -> dict[str, object]:
     """Return the PETSc options, with those that nodes of several contacts need; collective.
 
     Their multipliers are redundant where they stick: MUMPS then finds pivots that vanish, and takes
@@ -116,7 +111,7 @@ def options_for(
     """
     nodes = np.concatenate([np.unique(k.parent_dofs) for k in contacts])
     shared = any_rank(contacts[0].surface.mesh.comm, len(np.unique(nodes)) < len(nodes))
-    return {**({"mat_mumps_icntl_24": 1} if shared else {}), **(options or {})}
+    return {**({"mat_mumps_icntl_24": 1} if shared else {}), **options}
 
 
 def place(contact: Contact) -> ufl.Form:

@@ -20,8 +20,9 @@ Indices = npt.NDArray[np.int64]
 #: The multiplier that is added to each row, relative: against a rigid obstacle, and against faces
 #: of another body. A closed node's spring is as many times stiffer than the body as this is smaller
 #: than one. Springs between bodies couple nodes: a smoother that goes from node to node follows
-#: stiff ones slowly (four times the iterations at 1e-2).
-ALONE, COUPLED = 1e-2, 0.2
+#: stiff ones slowly (four times the iterations at 1e-2; at 0.2 still three times where the nodes
+#: belong to two ranks).
+ALONE, COUPLED = 1e-2, 1.0
 
 
 @dataclass(frozen=True)

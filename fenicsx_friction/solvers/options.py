@@ -3,6 +3,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 from petsc4py import PETSc
 
@@ -23,6 +24,21 @@ KRYLOV_OPTIONS: dict[str, object] = {
     "ksp_gmres_restart": 50,
     "ksp_max_it": 150,
 }
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """What a user asks of the solvers of a problem.
+
+    Attributes:
+        prefix: Prefix of the PETSc options.
+        given: PETSc options.
+        linear_solver: ``auto``, ``direct`` or ``multigrid``.
+    """
+
+    prefix: str
+    given: Mapping[str, object] = field(default_factory=dict)
+    linear_solver: str = "auto"
 
 
 def options_of(linear_solver: str, options: Mapping[str, object]) -> dict[str, object]:
