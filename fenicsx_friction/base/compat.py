@@ -40,17 +40,20 @@ def exterior_facet_entities(msh: mesh.Mesh, facets: npt.NDArray[np.int32]) -> np
 
 
 def jacobian_blocks(forms: Sequence[ufl.Form], unknowns: Sequence[fem.Function]) -> list[list[Any]]:
-    """Differentiate the blocks of a residual; blocks without integrals are ``None``.
+    """Differentiate the blocks of a residual, expanded; blocks without integrals are ``None``.
 
     DOLFINx 0.11 cannot create an empty form between two meshes (two contact surfaces, say).
     """
     blocks: Any = derivative_block(list(forms), list(unknowns))
-    return [[None if _is_empty(J) else J for J in row] for row in blocks]
+    return [[_expanded(J) for J in row] for row in blocks]
 
 
-def _is_empty(form: Any) -> bool:
-    """Tell whether a form has no integral that is not zero."""
-    return isinstance(form, ufl.ZeroBaseForm) or expand_derivatives(form).empty()
+def _expanded(form: Any) -> Any:
+    """Return a form with its derivatives carried out; ``None`` if nothing is left."""
+    if isinstance(form, ufl.ZeroBaseForm):
+        return None
+    expanded = expand_derivatives(form)
+    return None if expanded.empty() else expanded
 
 
 def same_topology(a: Any, b: Any) -> bool:

@@ -41,9 +41,10 @@ def _advance(system: ContactSystem) -> StepReport:
     """Try the ways to solve an increment, commit the first certified solution."""
     trials = _begin(system)
     failed: _Failed | None = None
-    distrusted = False
+    distrusted, unable = False, ""
     for way in _ways(trials):
-        found = None if way.condensed and distrusted else trials.make(way)
+        hopeless = distrusted if way.condensed else way.linear_solver == unable
+        found = None if hopeless else trials.make(way)
         if found is None:
             continue
         report = found.report
@@ -51,6 +52,8 @@ def _advance(system: ContactSystem) -> StepReport:
             report = others.choose(trials, way, report)
             check_metrics(system.contacts)  # they may depend on the slip
             system.commit()
+            if not way.condensed:
+                system.solvers.keep(way.linear_solver)
             _tell(system, report)
             return report
         if failed is None or _far(report) < _far(failed.report):
@@ -58,7 +61,7 @@ def _advance(system: ContactSystem) -> StepReport:
         if found.crossed or report.certificate.drowned:
             break  # another way to solve the step would not fare better
         if _cannot_solve(system, report):
-            break
+            unable = way.linear_solver
         distrusted = way.condensed and (found.converged or found.unbalanced)
     assert failed is not None
     report = replace(
@@ -74,9 +77,8 @@ def _advance(system: ContactSystem) -> StepReport:
 
 def _cannot_solve(system: ContactSystem, report: StepReport) -> bool:
     """Tell whether an iterative linear solver failed: it would fail in the other ways, too."""
-    last, options = report.substeps[-1:], system.solvers.full.options
-    iterative = options["ksp_type"] != "preonly" and report.solver == "full"
-    return iterative and any("LINEAR" in s.reason for s in last)
+    iterative = report.solver == "full" and system.solvers.full.iterative
+    return iterative and any("LINEAR" in s.reason for s in report.substeps[-1:])
 
 
 def _ways(trials: Trials) -> Iterator[Way]:
@@ -95,8 +97,9 @@ def _ways(trials: Trials) -> Iterator[Way]:
     forces = system.projection.unbalanced()
     if not np.isfinite(forces):
         raise ContactInputError(explain_not_finite(system, forces))
-    for attempt in (*first, *FALLBACKS[:number]):
-        yield Way(attempt, False, max(forces, contact))
+    for linear_solver in solvers.linear_solvers:
+        for attempt in (*first, *FALLBACKS[:number]):
+            yield Way(attempt, False, max(forces, contact), linear_solver)
 
 
 def _tell(system: ContactSystem, report: StepReport) -> None:

@@ -66,7 +66,7 @@ def choose(trials: Trials, way: Way, report: StepReport) -> StepReport:
     solutions = [_solution(system, report)]
     for attempt in attempts:
         try:
-            found = trials.make(Way(attempt, way.condensed, way.forces))
+            found = trials.make(way._replace(attempt=attempt))
         except (OutOfMemory, ContactInputError) as error:  # on all ranks
             log(system.comm, logging.INFO, "no further search for other solutions: %s", error)
             break  # a search must not lose what was found

@@ -31,11 +31,13 @@ class Way(NamedTuple):
         attempt: The attempt; ``None`` for the present state as it is.
         condensed: Whether to solve on the boundary.
         forces: 2-norm of the forces of the step (N).
+        linear_solver: What solves the linear systems of the whole system.
     """
 
     attempt: Attempt | None
     condensed: bool
     forces: float
+    linear_solver: str = "direct"
 
 
 class Outcome(NamedTuple):
@@ -96,6 +98,8 @@ class Trials:
         if way.condensed and not system.solvers.prepared():
             return None
         converged = False
+        if not way.condensed:
+            system.solvers.full.take_linear_solver(way.linear_solver)
         with system.solvers.use(condensed=way.condensed):
             if attempt is not None:
                 self.tried.append((attempt, way.condensed))

@@ -36,7 +36,7 @@ class BoundaryNewton:
         options: Those of the nonlinear solver.
     """
 
-    name = "condensed"
+    name, iterative = "condensed", False
 
     def __init__(
         self,

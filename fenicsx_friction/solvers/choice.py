@@ -21,12 +21,14 @@ MULTIGRID_FROM = 10_000
 #: Up to so many displacements in contact, solving on the boundary is the cheaper way, and in 3D up
 #: to so many displacements in all: the memory of a factor grows with their power 4/3.
 MOST_DOFS, MOST_IN_3D = 4000, 100_000
+#: Up to so many displacements in 3D, a factor follows where multigrid failed (about 9 GiB).
+FACTORED_UP_TO = 150_000
 
 
-def linear_solver_of(
+def linear_solvers_of(
     options: SolverOptions, unknowns: Sequence[fem.Function], *, condensed: bool
-) -> str:
-    """Return ``direct`` or ``multigrid``.
+) -> list[str]:
+    """Return ``direct``, ``multigrid``, or both: what is to be tried, in this order.
 
     Args:
         options: Options of the solvers.
@@ -41,19 +43,24 @@ def linear_solver_of(
     if asked == "multigrid" and reason:
         raise ContactInputError(f"linear_solver = 'multigrid': {reason}; take 'direct'.")
     if asked != "auto":
-        return asked
-    V = unknowns[0].function_space
-    large = V.dofmap.index_map.size_global * V.dofmap.index_map_bs > MULTIGRID_FROM
-    chosen = large and V.mesh.geometry.dim == 3 and not reason and not condensed
-    return "multigrid" if chosen else "direct"
+        return [asked]
+    size, solid = _size(unknowns[0])
+    if size <= MULTIGRID_FROM or not solid or reason or condensed:
+        return ["direct"]
+    return ["multigrid", "direct"] if size <= FACTORED_UP_TO else ["multigrid"]
 
 
 def suits_boundary(bulk: CondensedBulk, u: fem.Function) -> bool:
     """Tell whether a bulk is to be factored once, and its steps solved on the boundary."""
-    V = u.function_space
-    size, solid = V.dofmap.index_map.size_global * V.dofmap.index_map_bs, V.mesh.geometry.dim == 3
+    size, solid = _size(u)
     most = MOST_IN_3D if solid else np.inf
     return bulk.linear and bulk.size <= MOST_DOFS and size <= most
+
+
+def _size(u: fem.Function) -> tuple[int, bool]:
+    """Return the number of displacements, and whether they are those of a model in 3D."""
+    V = u.function_space
+    return V.dofmap.index_map.size_global * V.dofmap.index_map_bs, V.mesh.geometry.dim == 3
 
 
 def _obstacle_to_multigrid(

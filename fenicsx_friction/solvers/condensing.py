@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from ufl.algorithms import expand_derivatives, extract_coefficients
+from ufl.algorithms import extract_coefficients
 
 from ..base.collective import any_rank
 from ..base.compat import jacobian_blocks
@@ -19,7 +19,7 @@ from ..equations.contact_terms import ContactTerms
 from ..equations.forces import ForceScales
 from .boundary import BoundaryEquations
 from .boundary_newton import BoundaryNewton
-from .choice import linear_solver_of, suits_boundary
+from .choice import linear_solvers_of, suits_boundary
 from .condensed_bulk import Array, CondensedBulk
 from .newton import Newton
 from .options import DEFAULT_OPTIONS, SolverOptions
@@ -79,10 +79,6 @@ def solvers_of(
     """
     own = options_for(contacts, options.given)
     state = [*unknowns, *(k.c for k in contacts)]
-    tangents = [
-        [None if J is None else expand_derivatives(J) for J in row]
-        for row in jacobian_blocks(blocks, unknowns)
-    ]
     reason = obstacle_to_condensing(blocks, unknowns, contacts, own)
     boundary = None
     if reason or len(unknowns) > 1:
@@ -93,14 +89,17 @@ def solvers_of(
             k: v for k, v in all_options.items() if k in options.given or not k.startswith("mat_")
         }
         settings = (f"{options.prefix}bulk_", of_bulk, tangent if len(unknowns) == 1 else None)
+        tangents = jacobian_blocks(blocks, unknowns)
         bulk = CondensedBulk(tangents, unknowns, bcs, entity_maps, contacts, residuals, *settings)
         equations = BoundaryEquations(bulk, state, contacts, bcs)
         boundary = BoundaryNewton(equations, state, all_options, scales)
     small = boundary is not None and suits_boundary(boundary.equations.bulk, unknowns[0])
-    chosen = linear_solver_of(options, unknowns, condensed=small)
+    linear_solvers = linear_solvers_of(options, unknowns, condensed=small)
     forms = [*blocks, *(place(k) for k in contacts)]
-    full = Newton(forms, state, bcs, options.prefix, own, entity_maps, scales, terms, chosen)
-    return Solvers(full, boundary, reason)
+    full = Newton(
+        forms, state, bcs, options.prefix, own, entity_maps, scales, terms, linear_solvers[0]
+    )
+    return Solvers(full, boundary, reason, linear_solvers)
 
 
 def options_for(contacts: Sequence[Contact], options: Mapping[str, object]) -> dict[str, object]:

@@ -34,9 +34,9 @@ CYCLE_OPTIONS: dict[str, object] = {
 }
 #: Names of options that begin so are those of the V-cycle.
 CYCLE = "multigrid_"
-#: The levels are made anew after a solve that took so many iterations more than the best rate asks
-#: for. To make them costs as much as about a dozen V-cycles.
-PATIENCE = 8
+#: The levels are made anew when they have cost so many iterations more than at the rate of their
+#: first solve. To make them costs as much as about a dozen V-cycles; counts vary with the states.
+PATIENCE = 40
 
 
 class Multigrid:
@@ -72,13 +72,17 @@ class Multigrid:
         self._blocks = SaddleBlocks(u, multipliers)
         self._cycle: PETSc.PC | None = None
         self.set_ups, self.fresh = 0, False
-        self._decades, self._spent, self._best, self._worn = 1.0, 0, np.inf, False
+        self._decades, self._spent, self._worn = 1.0, 0, False
+        self._rate: float | None = None
+        self._waste = 0.0
 
     def expect(self, accuracy: float) -> None:
         """Judge the last solve; take the relative tolerance of the next one."""
         if self._spent:
-            self._best = min(self._best, self._spent / self._decades)
-            self._worn |= self._spent > PATIENCE + self._best * self._decades
+            if self._rate is None:
+                self._rate = self._spent / self._decades
+            self._waste += max(self._spent - self._rate * self._decades, 0.0)
+            self._worn |= self._waste > PATIENCE
         self._decades, self._spent = max(-np.log10(accuracy), 1.0), 0
 
     def forget(self) -> None:
@@ -100,6 +104,7 @@ class Multigrid:
                     cycle.setUp()
                 cycle.setReusePreconditioner(True)
                 self.set_ups += 1
+                self._rate, self._waste = None, 0.0
             self._cycle, self._worn = cycle, False
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, x: PETSc.Vec) -> None:

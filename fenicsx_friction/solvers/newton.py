@@ -10,11 +10,11 @@ from petsc4py import PETSc
 import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem.petsc import assign
-from ufl.algorithms import expand_derivatives
 
 from ..base.compat import jacobian_blocks
 from ..base.compilation import NonlinearProblem, compiled
 from ..base.keeping import ErrorKeeper
+from ..equations.conditions import with_conditions
 from ..equations.contact_terms import ContactTerms, Law
 from ..equations.dependencies import Dependencies
 from ..equations.forces import ForceScales
@@ -40,7 +40,7 @@ class Newton:
         entity_maps: Entity maps of all meshes in the forms.
         scales: Measures residuals.
         terms: The terms of contact.
-        linear_solver: ``direct`` or ``multigrid``.
+        linear_solver: The one to begin with, ``direct`` or ``multigrid``.
 
     Attributes:
         unknowns: As given.
@@ -48,7 +48,7 @@ class Newton:
         scales: As given.
         terms: As given.
         errors: What callbacks have raised.
-        linear_solver: As given.
+        linear_solver: The one in use.
         multigrid: The preconditioner, once there is one.
     """
 
@@ -68,7 +68,8 @@ class Newton:
     ) -> None:
         self._forms, self.unknowns, self._bcs = forms, unknowns, bcs
         self._prefix, self._entity_maps = prefix, entity_maps
-        self.options = options_of(linear_solver, options or {})
+        self._given = options or {}
+        self.options = options_of(linear_solver, self._given)
         self.scales, self.terms = scales, terms
         self.comm = unknowns[0].function_space.mesh.comm
         self.linear_solver = linear_solver
@@ -96,11 +97,8 @@ class Newton:
                 kind="mpi",
             )
             factors = self.scales.row_factors
-            parts = [
-                [None if form is None else expand_derivatives(form) for form in row] for row in J
-            ]
             self._callbacks = Callbacks(
-                made.solver, factors, self.unknowns, self.terms, self.errors, Dependencies(parts)
+                made.solver, factors, self.unknowns, self.terms, self.errors, Dependencies(J)
             )
             if self.linear_solver == "multigrid":
                 self._precondition(made.solver.getKSP().getPC())
@@ -117,9 +115,20 @@ class Newton:
         pc.setPythonContext(self.multigrid)
 
     @property
+    def iterative(self) -> bool:
+        """Whether the linear systems are solved up to a tolerance."""
+        return self.options["ksp_type"] != "preonly"
+
+    @property
     def set_ups(self) -> int:
         """How often the levels of multigrid were made."""
         return self._earlier + (0 if self.multigrid is None else self.multigrid.set_ups)
+
+    def take_linear_solver(self, name: str) -> None:
+        """Take another linear solver, ``direct`` or ``multigrid``, if it is not in use."""
+        if name != self.linear_solver:
+            self.discard()
+            self.options, self.linear_solver = options_of(name, self._given), name
 
     def discard(self) -> None:
         """Forget solvers and matrix, which may be incomplete after an error."""
@@ -186,6 +195,9 @@ class Newton:
         """Put a solution into the unknowns."""
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
         assign(x, self.unknowns)
+        if self.iterative:  # such a solver meets conditions up to its tolerance only
+            for f in self.unknowns:
+                f.x.array[:] = with_conditions(f, self._bcs)
 
     def residual(self, law: Law) -> PETSc.Vec:
         """Return a new vector with the residual at the present unknowns."""

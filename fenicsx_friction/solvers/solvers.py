@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 
 from petsc4py import PETSc
@@ -26,14 +27,22 @@ class Solvers:
         full: Solves the whole system.
         boundary: Solves on the dofs of contact, if the problem allows it.
         reason: Why it does not.
+        linear_solvers: Those of the full solver, in the order in which they are tried.
 
     Attributes:
-        full: As given.
+        full, linear_solvers: As given.
         now: The one in use; the full one but inside of :meth:`use`.
     """
 
-    def __init__(self, full: Newton, boundary: BoundaryNewton | None, reason: str = "") -> None:
+    def __init__(
+        self,
+        full: Newton,
+        boundary: BoundaryNewton | None,
+        reason: str,
+        linear_solvers: Sequence[str],
+    ) -> None:
         self.full, self._boundary, self._reason = full, boundary, reason
+        self.linear_solvers = list(linear_solvers)
         self.now: Newton | BoundaryNewton = full
 
     def condensing(self, how: str) -> bool:
@@ -52,7 +61,7 @@ class Solvers:
         if self._boundary is None:
             return False
         bulk, unknowns = self._boundary.equations.bulk, self.full.unknowns
-        cheaper = self.full.linear_solver == "direct" and suits_boundary(bulk, unknowns[0])
+        cheaper = self.linear_solvers[0] == "direct" and suits_boundary(bulk, unknowns[0])
         if how == "condensed" or (how == "auto" and cheaper):
             return True
         bulk.discard()
@@ -102,6 +111,15 @@ class Solvers:
     def use(self, *, condensed: bool) -> AbstractContextManager[None]:
         """Solve on the boundary inside, or the whole system."""
         return _InUse(self, condensed)
+
+    def keep(self, linear_solver: str) -> None:
+        """Begin with this linear solver of the full solver from now on: it solved a step."""
+        if linear_solver not in self.linear_solvers:
+            return
+        if failed := self.linear_solvers[: self.linear_solvers.index(linear_solver)]:
+            message = "%s could not solve this step, %s could and is used from now on"
+            tell(self.full.comm, logging.WARNING, message, " and ".join(failed), linear_solver)
+            self.linear_solvers = self.linear_solvers[len(failed) :]
 
     def take(self, condensed: bool) -> None:
         """Solve on the boundary from now on, or the whole system."""

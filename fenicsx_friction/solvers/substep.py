@@ -167,7 +167,7 @@ class Substep:
             residuals=tuple(history),
             failure=self._failure,
             solver=self._newton.name,
-            krylov=self.solver.getLinearSolveIterations(),
+            krylov=self.solver.getLinearSolveIterations() if self._newton.iterative else 0,
         )
 
     def _run(self, target: PETSc.Vec | None) -> tuple[bool, str]:

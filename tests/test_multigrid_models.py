@@ -1,0 +1,162 @@
+"""Multigrid in whole models: bodies held in many ways, materials far apart, obstacles that move."""
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+
+import fenicsx_friction as ff
+from fenicsx_friction.solvers import choice
+from models import by_place, tagged_facets
+
+pytestmark = pytest.mark.mpi
+
+
+@dataclass
+class Cube:
+    """A unit cube over planes; forces and motions are set by name."""
+
+    problem: ff.FrictionalContactProblem
+    traction: fem.Constant
+    motion: ff.RigidMotion
+
+    def states(self, path):
+        """Return the states after a traction (Pa) and a place of the plane (m) each."""
+        found = []
+        for traction, place in path:
+            self.traction.value = traction
+            self.motion.translation.value = place
+            report = self.problem.solve()
+            assert report.certified
+            found.append((report, [by_place(f) for f in self.problem.state]))
+        return found
+
+
+def cube(
+    linear,
+    *,
+    n=6,
+    E=lambda x: 1e3 + 0.0 * x[0],
+    nu=0.3,
+    bbar=False,
+    energy="small",
+    held="",
+    wall=0,
+):
+    """Build the cube.
+
+    Args:
+        linear: The linear solver.
+        n: Cells along an edge.
+        E: Young's modulus (Pa) at points.
+        nu, bbar, energy: The bulk.
+        held: ``top`` (all), ``guide`` (u_y at one side) or nothing: contact alone holds it.
+        wall: Whether another plane stands at one side.
+    """
+    msh = mesh.create_unit_cube(MPI.COMM_WORLD, n, n, n, mesh.CellType.hexahedron)
+    sides = [(2, 0.0), (2, 1.0), (1, 0.0), (0, 1.0)]
+    tags = tagged_facets(msh, *(lambda x, i=i, at=at: np.isclose(x[i], at) for i, at in sides))
+    V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
+    u, v = fem.Function(V, name="u"), ufl.TestFunction(V)
+    modulus = fem.Function(fem.functionspace(msh, ("DG", 0)))
+    modulus.interpolate(E)
+    density = ff.bulk.small_strain_energy if energy == "small" else ff.bulk.neo_hooke_energy
+    stored = ff.bulk.stored_energy(density(u, ff.bulk.Elastic(modulus, nu)), ufl.dx, bbar=bbar)
+    traction = fem.Constant(msh, np.zeros(3))
+    ds = ufl.Measure("ds", domain=msh, subdomain_data=tags)
+    motion = ff.RigidMotion(msh)
+    bottom = ff.RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), motion=motion)
+    contacts = [ff.Contact(ff.ContactSurface(msh, tags, 1), bottom, ff.Coulomb(0.4))]
+    if wall:
+        side = ff.RigidPlane((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+        contacts.append(ff.Contact(ff.ContactSurface(msh, tags, 4, "wall"), side, ff.Coulomb(0.2)))
+    bcs = []
+    if held == "top":
+        dofs = fem.locate_dofs_topological(V, 2, tags.find(2))
+        bcs = [fem.dirichletbc(np.zeros(3), dofs, V)]
+    if held == "guide":
+        bcs = [
+            fem.dirichletbc(0.0, fem.locate_dofs_topological(V.sub(i), 2, tags.find(m)), V.sub(i))
+            for i, m in ((1, 3), (0, 2))
+        ]
+    problem = ff.FrictionalContactProblem(
+        ufl.derivative(stored, u, v) - ufl.inner(traction, v) * ds(2),
+        u,
+        contact=contacts,
+        bcs=bcs,
+        petsc_options_prefix=f"cube_{linear}_",
+        linear_solver=linear,
+        settings=ff.StepSettings(solver="full"),
+    )
+    return Cube(problem, traction, motion)
+
+
+def assert_equal(path, **model):
+    """Solve with both linear solvers and compare the states; return the reports of multigrid.
+
+    Tractions of two contacts that share nodes which stick are not unique.
+    """
+    direct = cube("direct", **model).states(path)
+    multigrid = cube("multigrid", **model).states(path)
+    for i in range(1 if model.get("wall") else 2):
+        size = max(np.max(abs(states[i])) for _, states in direct)
+        for (_, exact), (_, found) in zip(direct, multigrid, strict=True):
+            assert found[i] == pytest.approx(exact[i], abs=1e-9 * size)
+    assert all(r.linear_solver == "multigrid" for r, _ in multigrid)
+    return [r for r, _ in multigrid]
+
+
+REST = (0.0, 0.0, 0.0)
+PUSH = [((0.0, 0.0, -20.0), REST), ((4.0, 0.0, -20.0), REST), ((5.0, 3.0, -30.0), REST)]
+LIFT = [
+    (REST, (0.0, 0.0, 0.02)),
+    (REST, (0.01, 0.0, 0.02)),
+    (REST, (0.05, 0.03, 0.015)),
+    (REST, (0.0, 0.0, -0.01)),
+]
+
+
+@pytest.mark.parametrize("energy", ["small", "finite"])
+def test_contact_alone_holds_the_body(energy):
+    """Without springs at the closed nodes, its matrix would be singular."""
+    reports = assert_equal(PUSH, energy=energy)
+    assert all(r.contacts[0].stick for r in reports)
+
+
+def test_a_moving_plane_presses_drags_and_leaves():
+    reports = assert_equal(LIFT, held="top")
+    assert reports[0].contacts[0].stick and reports[2].contacts[0].slip
+    assert reports[3].contacts[0].open == 49
+
+
+def test_guides_and_two_contacts():
+    assert_equal(PUSH, held="guide", wall=1)
+
+
+def test_nearly_incompressible_with_bbar():
+    reports = assert_equal(LIFT, held="top", nu=0.49, bbar=True)
+    assert max(r.krylov for r in reports) <= 350  # 120 to 250 here; 60 at nu = 0.3
+
+
+def layers(x):
+    """Steel on rubber in one body: moduli 1e5 apart, in layers that no mesh line follows."""
+    return np.where(np.sin(9.0 * x[0]) * np.sin(8.0 * x[1] + 5.0 * x[2]) > 0.0, 1e8, 1e3)
+
+
+def test_where_multigrid_fails_a_factor_follows(monkeypatch):
+    """``auto`` never loses a step that a direct solver finds; it stays with what worked."""
+    monkeypatch.setattr(choice, "MULTIGRID_FROM", 100)
+    hard = {"held": "top", "energy": "finite", "E": layers, "n": 8}
+    model = cube("auto", **hard)
+    model.problem.solvers.full.options["ksp_max_it"] = 3
+    found = model.states(LIFT[:2])
+    assert [r.linear_solver for r, _ in found] == ["direct", "direct"]
+    assert "gmres with multigrid" in found[0][0].substeps[0].failure
+    assert found[0][0].krylov and not found[1][0].krylov
+    direct = cube("direct", **hard).states(LIFT[:2])
+    for (_, a), (_, b) in zip(found, direct, strict=True):
+        assert a[0] == pytest.approx(b[0], abs=1e-9 * np.max(abs(b[0])))
