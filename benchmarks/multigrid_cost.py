@@ -48,7 +48,7 @@ def main() -> None:
     arguments = parser.parse_args()
     linear = "direct" if arguments.direct else "multigrid"
     print(
-        "cells     dofs  Newton     Krylov        set-ups  elastic solves     elastic s  certificate"
+        "cells     dofs  Newton     Krylov        set-ups  elastic solves     elastic s  certified"
     )
     for n in arguments.cells:
         settings = ff.StepSettings(solver="full")

@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""What the demos of deformable bodies write: tables and pictures of the configuration."""
+"""What the demos of deformable bodies write: tables, pictures of bodies and of contact faces."""
 
 import csv
 from collections.abc import Sequence
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx import fem, plot
 
+import fenicsx_friction as ff
+
 Row = dict[str, float]
+STATES = (("open", "lightgrey"), ("stick", "tab:blue"), ("slip", "tab:red"))
 
 
 def write_table(rows: Sequence[Row], path: Path) -> None:
@@ -23,6 +27,41 @@ def read_table(path: Path) -> list[Row]:
     """Read what :func:`write_table` wrote."""
     with path.open(newline="") as file:
         return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+
+
+def draw_face(
+    contact: ff.Contact, fields: ff.ContactFields, title: str, path: Path, *, unit: str
+) -> None:
+    """Draw where the nodes of a horizontal contact face are now, their states and pressures.
+
+    Args:
+        contact: The contact.
+        fields: Its fields, updated.
+        title: Of the picture.
+        path: The picture.
+        unit: Of the pressures.
+    """
+    n = contact.surface.num_owned
+    local = (contact.pairing.positions(), fields.state.x.array[:n], contact.nodal().c[:, 0])
+    parts = contact.surface.mesh.comm.gather(local)
+    if parts is None:
+        return
+    x, state, pressure = (np.concatenate(p) for p in zip(*parts, strict=True))
+    size = max(30.0 * (50.0 / len(x)) ** 0.5, 2.0)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 3.6), layout="constrained")
+    for k, (name, colour) in enumerate(STATES):
+        chosen = np.rint(state) == k
+        left.scatter(*x[chosen, :2].T, c=colour, s=size, label=f"{name} ({chosen.sum()})")
+    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3)
+    points = right.scatter(*x[:, :2].T, c=pressure, s=size, vmin=0.0)
+    figure.colorbar(points, ax=right, label=f"pressure ({unit})")
+    for axis in (left, right):
+        axis.set_aspect("equal")
+        axis.set_xlabel("x")
+        axis.set_ylabel("y")
+    figure.suptitle(title)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
 
 
 def draw_configuration(

@@ -36,7 +36,7 @@ import ufl
 from dolfinx import fem
 
 import fenicsx_friction as ff
-from deformable_output import draw_configuration, write_table
+from deformable_output import draw_configuration, draw_face, write_table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "meshes"))
 import block_on_base as geometry
@@ -48,7 +48,6 @@ import matplotlib.pyplot as plt
 E, NU, DEPTH, SWEEP = 1.0, 0.3, 0.15, 0.25
 #: Times of the pictures: pressed, beginning and end of the sweep, just turned, back.
 SHOWN = (1.0, 1.1, 2.0, 2.1, 3.0)
-STATES = (("open", "lightgrey"), ("stick", "tab:blue"), ("slip", "tab:red"))
 # -
 
 
@@ -127,7 +126,8 @@ def sweep(model: Model, steps: int, output: Path | None = None) -> list[dict[str
         )
         if output is not None and any(np.isclose(record.time, t) for t in SHOWN):
             fields.update()
-            draw_states(model, fields, record.time, output)
+            picture = output / f"states_{record.time:.1f}.png"
+            draw_face(model.contact, fields, f"t = {record.time:.1f}", picture, unit="Pa")
             draw_configuration(
                 model.problem.u,
                 output / f"configuration_{record.time:.1f}.png",
@@ -151,28 +151,6 @@ def _displacement_at(u: fem.Function, place: Sequence[float]) -> np.ndarray:
 
 
 # ## Pictures and tables
-
-
-def draw_states(model: Model, fields: ff.ContactFields, time: float, output: Path) -> None:
-    """Draw which nodes are open, stick and slip, where they are now."""
-    surface = model.contact.surface
-    n = surface.num_owned
-    local = (model.contact.pairing.positions(), fields.state.x.array[:n])
-    parts = surface.mesh.comm.gather(local)
-    if parts is None:
-        return
-    x, state = (np.concatenate(p) for p in zip(*parts, strict=True))
-    figure, axes = plt.subplots(figsize=(5.0, 3.0), layout="constrained")
-    for k, (name, colour) in enumerate(STATES):
-        chosen = np.rint(state) == k
-        axes.scatter(x[chosen, 0], x[chosen, 1], c=colour, s=40, label=f"{name} ({chosen.sum()})")
-    axes.set_aspect("equal")
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
-    axes.set_title(f"t = {time:.1f}")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    figure.savefig(output / f"states_{time:.1f}.png", dpi=150)
-    plt.close(figure)
 
 
 def draw_histories(results: dict[float, list[dict[str, float]]], path: Path) -> None:

@@ -151,3 +151,19 @@ def test_concentric_spheres_stay_among_published_forces(mu, end, codes, tmp_path
             assert 0.97 * min(published) < found < 1.03 * max(published)
     picture = tmp_path / f"coarse_mu{mu}" / f"configuration_{end:04.1f}mm.png"
     assert picture.stat().st_size > 10_000
+
+
+def test_a_tread_block_brakes(tmp_path):
+    """Multigrid at work by itself; the block leans on its leading edge and slides in the end."""
+    script = DEMOS / "demo_tread_block.py"
+    done = run(script, "--cells", 1, "--steps", 4, "--output", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    table = [{k: float(v) for k, v in row.items()} for row in rows(tmp_path / "history.csv")]
+    assert max(row["certificate"] for row in table) < 1e-9
+    assert all(row["krylov"] >= row["newton"] > 0 for row in table)
+    friction = [row["braking_N"] / row["normal_N"] for row in table if row["time"] >= 1.0]
+    assert np.all(np.diff(friction) > 0.0)
+    assert 0.45 < friction[-1] <= 0.5  # some slip sideways
+    assert table[-1]["stick"] == 0.0 < table[-1]["open"]
+    assert min(row["narrowest_sipe_mm"] for row in table) > 0.5
+    assert len(list(tmp_path.glob("*.png"))) == 7
