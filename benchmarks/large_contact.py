@@ -3,7 +3,7 @@
 
     ./container python3 benchmarks/large_contact.py [--nodes 100 200 316] [--deformable]
 
-Two layers of ``n`` × ``n`` cells, one above the other, do not match. The upper one meets a rigid
+Two layers of ``n`` × ``n`` cubic cells, one above the other, do not match. The upper one meets a rigid
 plane or, with ``--deformable``, the lower one. Each part is timed once after a small model has
 compiled the forms (CPU seconds; the last column is the exponent in the contact nodes, from the
 size before). Elements of the search, the certificate and files must not grow faster than the mesh.
@@ -45,7 +45,7 @@ def layers(n: int) -> tuple[mesh.Mesh, mesh.MeshTags]:
     x = msh.geometry.x
     upper = x[:, 2] > 1.5
     x[upper, :2] = 0.02 + 0.96 * x[upper, :2]
-    x[:, 2] = np.where(upper, x[:, 2] - 2.0, x[:, 2] - 1.0) * 0.1
+    x[:, 2] = np.where(upper, x[:, 2] - 2.0, x[:, 2] - 1.0) / n
     return msh, tags
 
 
@@ -55,9 +55,9 @@ def build(n: int, deformable: bool) -> tuple[ff.FrictionalContactProblem, fem.Fu
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, v, moved = fem.Function(V, name="u"), ufl.TestFunction(V), fem.Function(V)
     density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E=1000.0, nu=0.3))
-    ends = fem.locate_dofs_geometrical(V, lambda x: np.isclose(abs(x[2]), 0.1))
+    ends = fem.locate_dofs_geometrical(V, lambda x: np.isclose(abs(x[2]), 1.0 / n))
     x = V.tabulate_dof_coordinates()
-    moved.x.array.reshape(-1, 3)[x[:, 2] > 0.05, 2] = -1e-4
+    moved.x.array.reshape(-1, 3)[x[:, 2] > 0.5 / n, 2] = -1e-3 / n
     if deformable:
         obstacle: ff.Obstacle = ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2, "lower"))
     else:

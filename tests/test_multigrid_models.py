@@ -139,7 +139,7 @@ def test_guides_and_two_contacts():
 
 def test_nearly_incompressible_with_bbar():
     reports = assert_equal(LIFT, held="top", nu=0.49, bbar=True)
-    assert max(r.krylov for r in reports) <= 350  # 120 to 250 here; 60 at nu = 0.3
+    assert max(r.krylov for r in reports) <= 600  # 100 to 240 here, 230 to 420 on 3 ranks
 
 
 def layers(x):

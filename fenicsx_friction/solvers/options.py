@@ -17,11 +17,12 @@ DEFAULT_OPTIONS: dict[str, object] = {
     "pc_type": "lu",
     "pc_factor_mat_solver_type": "mumps",
 }
-#: Of the solver of the whole system with multigrid.
+#: Of the solver of the whole system with multigrid. A restart would cost nearly incompressible bodies
+#: many iterations; vectors are made when they are needed.
 KRYLOV_OPTIONS: dict[str, object] = {
     "ksp_type": "gmres",
     "ksp_pc_side": "right",
-    "ksp_gmres_restart": 50,
+    "ksp_gmres_restart": 150,
     "ksp_max_it": 150,
 }
 
