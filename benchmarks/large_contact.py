@@ -3,10 +3,10 @@
 
     ./container python3 benchmarks/large_contact.py [--nodes 100 200 316] [--deformable]
 
-Two layers of ``n`` × ``n`` cubic cells, one above the other, do not match. The upper one meets a rigid
-plane or, with ``--deformable``, the lower one. Each part is timed once after a small model has
-compiled the forms (CPU seconds; the last column is the exponent in the contact nodes, from the
-size before). Elements of the search, the certificate and files must not grow faster than the mesh.
+Two layers of ``n`` × ``n`` cubic cells, one above the other, do not match. The upper one meets a
+rigid plane or, with ``--deformable``, the lower one. Each part is timed once after a small model
+has compiled the forms (CPU seconds; the last column is the exponent in the contact nodes, from the
+size before). Search, certificate and files must not grow faster than the mesh.
 """
 
 import argparse

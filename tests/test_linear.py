@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import fenicsx_friction as ff
+from fenicsx_friction.solvers import linear
 from fenicsx_friction.solvers.linear import (
     factor_failure,
     forget_factor,
     out_of_memory,
     require_solver,
 )
+from models import block
 
 pytestmark = pytest.mark.mpi
 
@@ -113,6 +115,28 @@ def test_missing_package_is_named(comm):
     require_solver(LU, comm)
     require_solver({"pc_type": "lu"}, comm)
     require_solver({"pc_type": "hypre", "pc_factor_mat_solver_type": "nosuch"}, comm)
+
+
+@pytest.mark.parametrize("solver", ["full", "condensed"])
+def test_another_package_takes_the_place_of_an_absent_mumps(solver, monkeypatch, caplog):
+    """On one rank; every rank has its own problem here."""
+    alone = {"comm": MPI.COMM_SELF, "solver": solver}
+    wanted = block("hexahedron", 0.3, f"with_mumps_{solver}_", **alone)
+    monkeypatch.setattr(linear, "has_package", lambda name: name in ("superlu_dist", "umfpack"))
+    body = block("hexahedron", 0.3, f"without_mumps_{solver}_", **alone)
+    assert "no MUMPS here; umfpack" in caplog.text
+    for model in (wanted, body):
+        model.move(0.004, 0.0, -0.01)
+        assert model.problem.solve().certified
+    assert body.problem.solvers.full.options["pc_factor_mat_solver_type"] == "umfpack"
+    a, b = (m.problem.u.x.array for m in (wanted, body))
+    assert a == pytest.approx(b, abs=1e-9 * np.max(abs(a)))
+
+
+def test_without_mumps_on_several_ranks_the_error_says_so(monkeypatch):
+    monkeypatch.setattr(linear, "has_package", lambda name: name == "umfpack")
+    assert linear.direct_package(1) == "umfpack"
+    assert linear.direct_package(4) == "mumps"  # which require_solver refuses by name
 
 
 def test_solver_of_one_rank_is_refused_on_several(comm):

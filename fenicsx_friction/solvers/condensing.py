@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 
 from petsc4py import PETSc
@@ -14,6 +15,7 @@ from ufl.algorithms import extract_coefficients
 
 from ..base.collective import any_rank
 from ..base.compat import jacobian_blocks
+from ..base.log import tell
 from ..contact.contact import Contact
 from ..equations.contact_terms import ContactTerms
 from ..equations.forces import ForceScales
@@ -21,6 +23,7 @@ from .boundary import BoundaryEquations
 from .boundary_newton import BoundaryNewton
 from .choice import linear_solvers_of, suits_boundary
 from .condensed_bulk import Array, CondensedBulk
+from .linear import direct_package
 from .newton import Newton
 from .options import DEFAULT_OPTIONS, SolverOptions
 from .solvers import Solvers
@@ -103,13 +106,18 @@ def solvers_of(
 
 
 def options_for(contacts: Sequence[Contact], options: Mapping[str, object]) -> dict[str, object]:
-    """Return the PETSc options, with those that nodes of several contacts need; collective.
+    """Return the PETSc options, with those that the machine and the contacts need; collective.
 
-    Their multipliers are redundant where they stick: MUMPS then finds pivots that vanish, and takes
-    one of the solutions.
+    The multipliers of nodes in several contacts are redundant where they stick: MUMPS then finds
+    pivots that vanish, and takes one of the solutions. Where PETSc has no MUMPS, another package
+    factors.
     """
+    comm = contacts[0].surface.mesh.comm
+    if (package := direct_package(comm.size)) != "mumps":
+        tell(comm, logging.WARNING, "PETSc has no MUMPS here; %s factors in its place", package)
+        options = {"pc_factor_mat_solver_type": package, **options}
     nodes = np.concatenate([np.unique(k.parent_dofs) for k in contacts])
-    shared = any_rank(contacts[0].surface.mesh.comm, len(np.unique(nodes)) < len(nodes))
+    shared = any_rank(comm, len(np.unique(nodes)) < len(nodes))
     return {**({"mat_mumps_icntl_24": 1} if shared else {}), **options}
 
 

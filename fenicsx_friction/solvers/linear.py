@@ -51,6 +51,22 @@ ORDER = -3
 OUT_OF_CORE = -90
 
 
+#: Packages that take MUMPS' place on one rank where PETSc is built without it. SuperLU_DIST would
+#: on several, but does not pivot: it found zero pivots, and aborts where it is built without MC64.
+IN_PLACE_OF_MUMPS = ("umfpack", "klu", "superlu")
+
+
+def direct_package(num_ranks: int) -> str:
+    """Return the package that factors: MUMPS, or another one if PETSc is built without it."""
+    usable = ("mumps", *(IN_PLACE_OF_MUMPS if num_ranks == 1 else ()))
+    return next((name for name in usable if has_package(name)), "mumps")
+
+
+def has_package(name: str) -> bool:
+    """Tell whether PETSc is built with a package."""
+    return bool(PETSc.Sys.hasExternalPackage(name))
+
+
 def require_solver(options: Mapping[str, object], comm: MPI.Intracomm) -> None:
     """Check that PETSc can factorise on these ranks with the package asked for; collective.
 
@@ -76,7 +92,7 @@ def require_solver(options: Mapping[str, object], comm: MPI.Intracomm) -> None:
             pc.setFactorSolverType(str(solver))
         pc.setFactorSetUpSolverType()
     except PETSc.Error as error:
-        present = [name for name in SOLVERS if PETSc.Sys.hasExternalPackage(name)]
+        present = [name for name in SOLVERS if has_package(name)]
         raise ContactInputError(
             f"petsc_options: PETSc cannot factorise with pc_type={options['pc_type']!r}, "
             f"pc_factor_mat_solver_type={solver!r} on {comm.size} rank(s): not installed, or not "

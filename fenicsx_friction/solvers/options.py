@@ -17,8 +17,8 @@ DEFAULT_OPTIONS: dict[str, object] = {
     "pc_type": "lu",
     "pc_factor_mat_solver_type": "mumps",
 }
-#: Of the solver of the whole system with multigrid. A restart would cost nearly incompressible bodies
-#: many iterations; vectors are made when they are needed.
+#: Of the solver of the whole system with multigrid. A restart would cost nearly incompressible
+#: bodies many iterations; vectors are made when they are needed.
 KRYLOV_OPTIONS: dict[str, object] = {
     "ksp_type": "gmres",
     "ksp_pc_side": "right",
