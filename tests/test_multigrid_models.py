@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
+import basix.ufl
 import numpy as np
 import pytest
 import ufl
@@ -160,3 +161,33 @@ def test_where_multigrid_fails_a_factor_follows(monkeypatch):
     direct = cube("direct", **hard).states(LIFT[:2])
     for (_, a), (_, b) in zip(found, direct, strict=True):
         assert a[0] == pytest.approx(b[0], abs=1e-9 * np.max(abs(b[0])))
+
+
+@pytest.mark.parametrize("kind", ["bubbles", "temperature"])
+def test_displacements_with_other_unknowns_are_refused(kind):
+    """Multigrid by aggregation knows displacements at vertices; ``auto`` takes a factor instead."""
+    msh = mesh.create_unit_cube(MPI.COMM_WORLD, 2, 2, 2)
+    tags = tagged_facets(msh, lambda x: np.isclose(x[2], 0.0))
+    P1, bubble = (basix.ufl.element(n, "tetrahedron", k) for n, k in (("P", 1), ("Bubble", 4)))
+    element = P1 if kind == "temperature" else basix.ufl.enriched_element([P1, bubble])
+    V = fem.functionspace(msh, basix.ufl.blocked_element(element, shape=(3,)))
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(1e3, 0.3))
+    blocks = [ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v)]
+    unknowns = [u]
+    if kind == "temperature":
+        T = fem.Function(fem.functionspace(msh, P1))
+        q = ufl.TestFunction(T.function_space)
+        blocks.append(ufl.inner(ufl.grad(T), ufl.grad(q)) * ufl.dx)
+        unknowns.append(T)
+    plane = ff.RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+    def made(linear):
+        contact = ff.Contact(ff.ContactSurface(msh, tags, 1), plane, ff.Coulomb(0.3))
+        options = {"contact": contact, "petsc_options_prefix": f"refused_{kind}_{linear}_"}
+        return ff.FrictionalContactProblem(blocks, unknowns, linear_solver=linear, **options)
+
+    words = {"bubbles": "values at the vertices", "temperature": "more unknowns"}[kind]
+    with pytest.raises(ff.ContactInputError, match=f"'multigrid': it .*{words}.*take 'direct'"):
+        made("multigrid")
+    assert made("auto").solvers.linear_solvers == ["direct"]
