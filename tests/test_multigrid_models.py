@@ -47,6 +47,7 @@ def cube(
     energy="small",
     held="",
     wall=0,
+    height=1,
 ):
     """Build the cube.
 
@@ -57,9 +58,11 @@ def cube(
         nu, bbar, energy: The bulk.
         held: ``top`` (all), ``guide`` (u_y at one side) or nothing: contact alone holds it.
         wall: Whether another plane stands at one side.
+        height: Height (m), of as many times more cells.
     """
-    msh = mesh.create_unit_cube(MPI.COMM_WORLD, n, n, n, mesh.CellType.hexahedron)
-    sides = [(2, 0.0), (2, 1.0), (1, 0.0), (0, 1.0)]
+    size, kind = [1.0, 1.0, float(height)], mesh.CellType.hexahedron
+    msh = mesh.create_box(MPI.COMM_WORLD, [[0.0] * 3, size], [n, n, height * n], kind)
+    sides = [(2, 0.0), (2, size[2]), (1, 0.0), (0, 1.0)]
     tags = tagged_facets(msh, *(lambda x, i=i, at=at: np.isclose(x[i], at) for i, at in sides))
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, v = fem.Function(V, name="u"), ufl.TestFunction(V)
@@ -132,6 +135,14 @@ def test_a_moving_plane_presses_drags_and_leaves():
     reports = assert_equal(LIFT, held="top")
     assert reports[0].contacts[0].stick and reports[2].contacts[0].slip
     assert reports[3].contacts[0].open == 49
+
+
+def test_a_tower_leaves_ranks_without_contact():
+    model = cube("direct", n=3, height=9)
+    counts = model.problem.comm.allgather(model.problem.contacts[0].surface.num_owned)
+    if len(counts) > 1:
+        assert min(counts) == 0
+    assert_equal(PUSH[:2], n=3, height=9, held="guide")
 
 
 def test_guides_and_two_contacts():

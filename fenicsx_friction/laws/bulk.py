@@ -146,5 +146,7 @@ def _extremes(value: object) -> tuple[object, object]:
         raise ContactInputError(
             f"Young's modulus E must be scalar, its Function has shape {value.ufl_shape}."
         )
-    every = np.concatenate(value.function_space.mesh.comm.allgather(value.x.array))
-    return np.min(every), np.max(every)
+    own = value.x.array
+    ends = (np.min(own, initial=np.inf), np.max(own, initial=-np.inf))
+    lowest, highest = zip(*value.function_space.mesh.comm.allgather(ends), strict=True)
+    return np.min(lowest), np.max(highest)
