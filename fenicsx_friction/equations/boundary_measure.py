@@ -18,16 +18,16 @@ class BoundaryMeasure:
     Args:
         rows: The rows.
         scales: Returns the scales of their groups now.
-        contact_nodes: Number of nodes of all contacts.
+        nodes_across: Number of nodes across all contacts.
 
     Attributes:
-        contact_nodes: As given.
+        nodes_across: As given.
     """
 
     def __init__(
-        self, rows: MeasuredRows, scales: Callable[[], Scales], contact_nodes: int
+        self, rows: MeasuredRows, scales: Callable[[], Scales], nodes_across: float
     ) -> None:
-        self._rows, self._scales, self.contact_nodes = rows, scales, contact_nodes
+        self._rows, self._scales, self.nodes_across = rows, scales, nodes_across
 
     def excess(self, rows: Array, tolerance: float) -> float:
         """Return the largest residual in units of what a relative tolerance allows."""

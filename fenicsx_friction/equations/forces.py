@@ -51,7 +51,7 @@ class ForceScales:
     Attributes:
         number: Number of bodies.
         surfaces: Groups the owned nodes of each contact, by body.
-        contact_nodes: Number of nodes of all contacts.
+        nodes_across: Number of nodes across all contacts, a root of their number in 3D.
     """
 
     #: What :meth:`begin` and :meth:`find_noise` set: arrays that are replaced, never changed.
@@ -86,7 +86,8 @@ class ForceScales:
         self._linked = link_bodies(
             contacts, self._bodies, self._u.function_space, body, self.number
         )
-        self.contact_nodes = self._comm.allreduce(sum(len(n) for n in self._bodies), MPI.SUM)
+        nodes = self._comm.allreduce(sum(len(n) for n in self._bodies), MPI.SUM)
+        self.nodes_across = nodes ** (1.0 / (each - 1))
         _, self._size = extreme_sizes(self._u.function_space.mesh)
         self._residuals = residuals
         self.begin()
@@ -190,7 +191,7 @@ class ForceScales:
             forces = self._stiffness[dofs] * abs(self._u.x.array[dofs])
             return joined(self._of_forces(groups.largest(forces)))
 
-        return BoundaryMeasure(part, scales, self.contact_nodes)
+        return BoundaryMeasure(part, scales, self.nodes_across)
 
     def _of_forces(self, hidden: Array, momentum: Array | None = None) -> tuple[Scales, Scales]:
         """Measure bodies and contacts.

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """When Newton's method stops: a convergence test made for contact."""
 
-import math
 from typing import Protocol
 
 from petsc4py import PETSc
@@ -13,7 +12,8 @@ ROUNDING = 1e-8
 #: A residual that returns to this relative accuracy within 15 iterations is a cycle.
 CYCLE = 1e-6
 #: Full Newton steps without a smaller residual that count as a cycle, or the square root of the
-#: number of contact nodes if that is more: on fine meshes, slip fronts move a few nodes a step.
+#: number of nodes across a contact if that is more: on fine meshes, slip fronts move a few nodes a
+#: step.
 STALLED = 8
 
 
@@ -21,8 +21,8 @@ class Measure(Protocol):
     """Measures residuals."""
 
     @property
-    def contact_nodes(self) -> int:
-        """Number of nodes of all contacts."""
+    def nodes_across(self) -> float:
+        """Number of nodes across the contacts."""
 
     def excess(self, rows: np.ndarray, tolerance: float) -> float:
         """Return the largest residual in units of what a relative tolerance allows."""
@@ -63,7 +63,7 @@ class Progress:
             return reason.CONVERGED_FNORM_ABS
         if it > 0 and norm >= 0.5 * self.history[-2] and self._is_rounding(rows):
             return reason.CONVERGED_SNORM_RELATIVE
-        patience = max(STALLED, math.isqrt(self._measure.contact_nodes))
+        patience = max(STALLED, int(self._measure.nodes_across**0.5))
         recent, before = self.history[-patience:], self.history[:-patience]
         self.cycled = any(abs(norm - old) <= CYCLE * norm for old in self.history[-16:-2])
         # A line search may decrease the residual slowly; full steps should not.
