@@ -69,7 +69,8 @@ class ForceScales:
         residuals: Callable[[], list[Array]],
     ) -> None:
         self._unknowns, self._contacts, self._bcs = list(unknowns), contacts, bcs
-        self._u, self._terms, self._momentum = unknowns[0], terms, momentum
+        self._u, self._terms = unknowns[0], terms
+        self._momentum, self._residuals = momentum, residuals
         self._comm, self._equations = self._u.function_space.mesh.comm, equations
         self._measured: list[ForceScales | FurtherEquation] = [self, *equations]
         self.number, body = number_bodies(self._u.function_space)
@@ -83,13 +84,11 @@ class ForceScales:
         self._all, self._held = self._rows.bodies, self._rows.held
         self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
         self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
-        self._linked = link_bodies(
-            contacts, self._bodies, self._u.function_space, body, self.number
-        )
-        nodes = self._comm.allreduce(sum(len(n) for n in self._bodies), MPI.SUM)
+        V = self._u.function_space
+        self._linked = link_bodies(contacts, self._bodies, V, body, self.number)
+        nodes = self._comm.allreduce(sum(map(len, self._bodies)), MPI.SUM)
         self.nodes_across = nodes ** (1.0 / (each - 1))
-        _, self._size = extreme_sizes(self._u.function_space.mesh)
-        self._residuals = residuals
+        self._size = extreme_sizes(V.mesh)[1]
         self.begin()
 
     def begin(self) -> None:

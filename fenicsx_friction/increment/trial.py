@@ -106,6 +106,8 @@ class Trials:
                 found = _solve(system, attempt, way.forces)
                 self.substeps += found
                 converged = found[-1].converged
+                if way.condensed and not converged and found[-1].reason != NOT_BALANCED:
+                    return None  # it need not be known what the inside of the bulk does
             elif not system.projection.is_solved(newton_tolerance(system)):
                 return None  # else contact did not change and the state is its own solution
         if way.condensed and not (converged and system.solvers.relinearises):

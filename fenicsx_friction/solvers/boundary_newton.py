@@ -36,7 +36,7 @@ class BoundaryNewton:
         options: Those of the nonlinear solver.
     """
 
-    name, iterative = "condensed", False
+    name, cheap, iterative = "condensed", True, False
 
     def __init__(
         self,

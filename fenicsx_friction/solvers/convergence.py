@@ -15,6 +15,9 @@ CYCLE = 1e-6
 #: number of nodes across a contact if that is more: on fine meshes, slip fronts move a few nodes a
 #: step.
 STALLED = 8
+#: Where iterations are cheap, so many full Newton steps to more than so many times the smallest
+#: residual count as a cycle, too. (Bodies that buckle find their way after such jumps.)
+JUMPS, WILD = 2, 10.0
 
 
 class Measure(Protocol):
@@ -37,6 +40,7 @@ class Progress:
     Args:
         measure: Measures residuals.
         tolerance: All residuals are to be this small, relative to their scales.
+        cheap: Whether iterations cost little beside an elastic solve.
 
     Attributes:
         tolerance: As given.
@@ -45,8 +49,9 @@ class Progress:
         excess: The present residual over what the tolerance allows.
     """
 
-    def __init__(self, measure: Measure, tolerance: float) -> None:
-        self._measure, self.tolerance, self._noisy = measure, tolerance, False
+    def __init__(self, measure: Measure, tolerance: float, *, cheap: bool = False) -> None:
+        self._measure, self.tolerance, self._cheap = measure, tolerance, cheap
+        self._noisy = False
         self.history: list[float] = []
         self.cycled = False
         self.excess = 1.0
@@ -69,9 +74,15 @@ class Progress:
         # A line search may decrease the residual slowly; full steps should not.
         full_steps = snes.getLineSearch().getType() == PETSc.SNESLineSearch.Type.BASIC
         self.cycled |= full_steps and len(before) > 2 and min(recent) > 0.9 * min(before)
+        self.cycled |= full_steps and self._cheap and self._wild()
         if self.cycled or it >= max_it:
             return reason.DIVERGED_MAX_IT
         return reason.ITERATING
+
+    def _wild(self) -> bool:
+        """Tell whether the residual has jumped again and again."""
+        smallest = np.minimum.accumulate(self.history)
+        return bool(np.sum(self.history > WILD * smallest) >= JUMPS)
 
     def _is_rounding(self, rows: np.ndarray) -> bool:
         """Tell whether a residual that no step makes smaller is rounding; collective."""

@@ -52,7 +52,7 @@ class Newton:
         multigrid: The preconditioner, once there is one.
     """
 
-    name = "full"
+    name, cheap = "full", False
 
     def __init__(
         self,

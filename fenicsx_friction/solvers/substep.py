@@ -57,12 +57,16 @@ class Substep:
         self._solvers, self._rows, self._scales = solvers, rows, solvers.full.scales
         self._law: Law | None = None
         self.watch: Callable[[int], None] | None = None
-        self._progress, self._failure, self._spent = Progress(self._newton.measure, 0.0), "", 0
+        self._progress, self._failure, self._spent = self._new_progress(0.0), "", 0
 
     @property
     def _newton(self) -> Newton | BoundaryNewton:
         """The solver in use."""
         return self._solvers.now
+
+    def _new_progress(self, tolerance: float) -> Progress:
+        """Return what follows a solve to this tolerance."""
+        return Progress(self._newton.measure, tolerance, cheap=self._newton.cheap)
 
     @property
     def law(self) -> Law:
@@ -150,7 +154,7 @@ class Substep:
         chosen, limit = options["snes_linesearch_type"], options["snes_max_it"]
         snes.getLineSearch().setType(str(line_search or chosen))
         snes.setTolerances(max_it=int(str(max_it or limit)))
-        self._progress = Progress(self._newton.measure, tolerance)
+        self._progress = self._new_progress(tolerance)
         self._failure, self._spent = "", 0
         converged, reason = self._run(target)
         history = self._progress.history
@@ -179,7 +183,7 @@ class Substep:
             for f, values in zip(unknowns, start, strict=True):
                 f.x.array[:] = values
             self._spent = len(self._progress.history) - 1
-            self._progress = Progress(self._newton.measure, self._progress.tolerance)
+            self._progress = self._new_progress(self._progress.tolerance)
             found = self._run_once(target, MORE_WORKSPACE | options)
         if self.solver.getConvergedReason() == LINEAR:
             self._explain_failure(self.solver)
