@@ -86,7 +86,9 @@ class Progress:
 
     def _is_rounding(self, rows: np.ndarray) -> bool:
         """Tell whether a residual that no step makes smaller is rounding; collective."""
-        if self._measure.excess(rows, max(ROUNDING, self.tolerance)) <= 1.0:
+        loose = max(ROUNDING, self.tolerance)
+        # What a tolerance allows grows no faster than the tolerance: this saves the measurement.
+        if self.excess * self.tolerance <= loose and self._measure.excess(rows, loose) <= 1.0:
             return True
         if self._noisy:  # already measured in this solve
             return False

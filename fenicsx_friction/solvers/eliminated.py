@@ -125,8 +125,8 @@ class KnownDirections:
         alone = np.concatenate([step.alone() for step in steps])
         some = alone.any(axis=1)
         self._split(own[some], slopes[some], alone[some])
-        self.others = np.setdiff1d(np.arange(size), self._rows[self._given])
-        self._plain = np.setdiff1d(np.arange(size), self._own)
+        self.others = _without(size, self._rows[self._given])
+        self._plain = _without(size, self._own)
         self._size = size
 
     def _split(self, own: Indices, slopes: Array, alone: npt.NDArray[np.bool_]) -> None:
@@ -173,3 +173,10 @@ class KnownDirections:
     def _turned(self, values: Array) -> Array:
         """Return displacements with these components in the bases."""
         return np.asarray(np.einsum("nij,nj->ni", self._basis, values))
+
+
+def _without(size: int, numbers: Indices) -> Indices:
+    """Return the numbers up to a size that are not among these."""
+    left = np.ones(size, dtype=bool)
+    left[numbers] = False
+    return np.flatnonzero(left)
