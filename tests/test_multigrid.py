@@ -2,8 +2,11 @@
 
 from dataclasses import replace
 
+from petsc4py import PETSc
+
 import numpy as np
 import pytest
+import ufl
 
 import fenicsx_friction as ff
 from bodies import stack
@@ -198,6 +201,77 @@ def test_a_linear_solver_that_cannot_work_is_named_at_once(options):
     with pytest.raises(ff.StepFailed, match=r"gmres with jacobi .*DIVERGED.*'direct'") as failed:
         problem.solve()
     assert len(failed.value.report.substeps) == 2
+
+
+def steep(beyond):
+    """A law whose slope is no number in iterates with pressures (Pa) beyond this."""
+
+    def mu(pressure, sliding):
+        root = ufl.sqrt(ufl.max_value(pressure - 1e9, 0.0))
+        return 0.3 + 1e-12 * ufl.conditional(ufl.gt(pressure, beyond), root, 0.0)
+
+    return ff.Coulomb(mu)
+
+
+@pytest.mark.parametrize("linear", ["direct", "multigrid", "auto"])
+def test_a_matrix_that_is_not_finite_ends_one_try_only(linear, monkeypatch):
+    """The solution has 30.1 Pa at most, some iterates have more."""
+    monkeypatch.setattr(choice, "MULTIGRID_FROM", 100)
+    monkeypatch.setattr(choice, "MOST_IN_3D", 100)
+    forces = []
+    for beyond in (32.0, 1e3):
+        body = block("hexahedron", 0.1, f"mg_steep_{linear}_{beyond}_body_", n=(4, 4, 3))
+        contact = ff.Contact(body.contact.surface, body.contact.obstacle, steep(beyond))
+        options = {"linear_solver": linear, "settings": ff.StepSettings(solver="full")}
+        problem = with_contact(body, contact, f"mg_steep_{linear}_{beyond}_", **options)
+        body.move(0.006, 0.0, -0.01)
+        report = problem.solve()
+        assert report.certified
+        forces.append(report.contacts[0].force)
+        if beyond == 32.0:
+            assert any("NaN" in s.failure for s in report.substeps)
+    assert forces[0] == pytest.approx(forces[1], rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("linear", ["direct", "multigrid"])
+def test_a_step_without_finite_slopes_fails_with_a_message(linear):
+    body = block("hexahedron", 0.1, f"mg_cliff_{linear}_body_", n=(4, 4, 3))
+    contact = ff.Contact(body.contact.surface, body.contact.obstacle, steep(25.0))
+    options = {"linear_solver": linear, "settings": ff.StepSettings(solver="full")}
+    problem = with_contact(body, contact, f"mg_cliff_{linear}_", **options)
+    body.move(0.006, 0.0, -0.01)
+    with pytest.raises(ff.StepFailed, match="NaN"):
+        problem.solve()
+    assert np.all(problem.u.x.array == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"multigrid_mg_coarse_pc_type": "bogus"}, "bogus"),
+        ({"multigrid_mg_levels_ksp_max_it": "many"}, "many"),
+    ],
+)
+def test_options_that_petsc_refuses_are_named(options, words):
+    body = block("hexahedron", 0.3, "mg_bogus_body_", n=(6, 5, 4))
+    problem = with_contact(
+        body, contact_of(body), "mg_bogus_", petsc_options=options, linear_solver="multigrid"
+    )
+    body.move(0.0, 0.0, -0.01)
+    with pytest.raises(ff.ContactInputError, match=f"PETSc refuses .*{words}"):
+        problem.solve()
+    assert np.all(problem.u.x.array == 0.0)
+
+
+def test_options_in_the_global_database_do_not_replace_the_preconditioner():
+    database = PETSc.Options("mg_global_projection_")
+    database["pc_type"] = "jacobi"
+    try:
+        body = block("hexahedron", 0.3, "mg_global_", n=(6, 5, 4), linear_solver="multigrid")
+        body.move(0.0, 0.0, -0.01)
+        assert body.problem.solve().certified
+    finally:
+        del database["pc_type"]
 
 
 def test_broken_parts_of_the_preconditioner_are_no_wrong_answers(monkeypatch):

@@ -60,7 +60,7 @@ def _advance(system: ContactSystem) -> StepReport:
             failed = _Failed(report, found.crossed, snapshot.ProblemSnapshot(system))
         if found.crossed or report.certificate.drowned:
             break  # another way to solve the step would not fare better
-        if _cannot_solve(system, report):
+        if _cannot_solve(trials, report):
             unable = way.linear_solver
         distrusted = way.condensed and (found.converged or found.unbalanced)
     assert failed is not None
@@ -75,10 +75,19 @@ def _advance(system: ContactSystem) -> StepReport:
     return report
 
 
-def _cannot_solve(system: ContactSystem, report: StepReport) -> bool:
-    """Tell whether an iterative linear solver failed: it would fail in the other ways, too."""
-    iterative = report.solver == "full" and system.solvers.full.iterative
-    return iterative and any("LINEAR" in s.reason for s in report.substeps[-1:])
+def _cannot_solve(trials: Trials, report: StepReport) -> bool:
+    """Tell whether to give up an iterative linear solver that failed.
+
+    If it has solved nothing in this step, it fails in the other ways, too. If it has, another way
+    may do better; but a factorisation, where there is one, is surer.
+    """
+    solvers = trials.system.solvers
+    if report.solver != "full" or not solvers.full.iterative:
+        return False
+    here = [s for s in report.substeps if s.solver == "full"]
+    failed = ["LINEAR" in s.reason for s in here]
+    another = solvers.linear_solvers[-1] != solvers.full.linear_solver
+    return failed[-1] and (another or not any(s.iterations for s in here))
 
 
 def _ways(trials: Trials) -> Iterator[Way]:

@@ -72,9 +72,15 @@ def _begin(system: ContactSystem, largest: float) -> list[SubstepReport]:
     for _ in range(STAGE // PART):
         report = _stage(system, largest, QUICK.tolerance, PART)
         reports.append(report)
-        if report.converged or not report.residuals[-1] < FALLS * report.residuals[0]:
+        if report.converged or not _has_fallen(report):
             break
     return reports
+
+
+def _has_fallen(report: SubstepReport) -> bool:
+    """Tell whether the residual has fallen enough to go on; it may not even exist."""
+    norms = report.residuals
+    return bool(norms) and norms[-1] < FALLS * norms[0]
 
 
 def _sharpen(system: ContactSystem, largest: float, pace: Pace) -> list[SubstepReport]:

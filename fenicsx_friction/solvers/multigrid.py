@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from ..base.collective import any_rank
 from ..base.keeping import ErrorKeeper
-from .options import inside, set_up
+from .options import inside, refused, set_up
 from .rigid_modes import rigid_modes
 from .saddle import SaddleBlocks
 
@@ -37,6 +38,12 @@ CYCLE = "multigrid_"
 #: The levels are made anew when they have cost so many iterations more than at the rate of their
 #: first solve. To make them costs as much as about a dozen V-cycles; counts vary with the states.
 PATIENCE = 40
+
+
+#: Of relative tolerances.
+SMALLEST = 1e-16
+#: What makes the linear solver fail where the matrix is not finite.
+NOT_FINITE = PETSc.PC.FailedReason.SETUP_ERROR
 
 
 class Multigrid:
@@ -83,7 +90,7 @@ class Multigrid:
                 self._rate = self._spent / self._decades
             self._waste += max(self._spent - self._rate * self._decades, 0.0)
             self._worn |= self._waste > PATIENCE
-        self._decades, self._spent = max(-np.log10(accuracy), 1.0), 0
+        self._decades, self._spent = max(-np.log10(max(accuracy, SMALLEST)), 1.0), 0
 
     def forget(self) -> None:
         """Make all levels anew at the next solve."""
@@ -94,17 +101,18 @@ class Multigrid:
     def setUp(self, pc: PETSc.PC) -> None:
         """Eliminate the multipliers; set up the V-cycle for what remains."""
         with self._errors():
-            self._blocks.update(self._elements())
-            self._assemble(pc.getOperators()[0])
+            pc.setFailedReason(PETSc.PC.FailedReason.NOERROR)  # PETSc keeps the last one
+            elements = self._elements()
+            finite = all(np.isfinite(matrices).all() for _, matrices in elements)
+            if any_rank(self._V.mesh.comm, not finite):
+                pc.setFailedReason(NOT_FINITE)
+                return
+            self._blocks.update(elements)
+            self._assemble(pc.getOperators()[1])
             cycle = self._cycle or self._new_cycle()
             self.fresh = self._cycle is None or self._worn
             if self.fresh:
-                cycle.setReusePreconditioner(False)
-                with inside(self._prefix, self._options):  # the levels read theirs here
-                    cycle.setUp()
-                cycle.setReusePreconditioner(True)
-                self.set_ups += 1
-                self._rate, self._waste = None, 0.0
+                self._make_levels(cycle)
             self._cycle, self._worn = cycle, False
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, x: PETSc.Vec) -> None:
@@ -145,6 +153,19 @@ class Multigrid:
             J.createSubMatrix(own, own, self._P)
         own.destroy()
         self._P.axpy(1.0, self._blocks.springs, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+
+    def _make_levels(self, cycle: PETSc.PC) -> None:
+        """Make all levels from the matrix of now."""
+        cycle.setReusePreconditioner(False)
+        try:
+            with inside(self._prefix, self._options):  # the levels read theirs here
+                cycle.setUp()
+        except PETSc.Error as error:
+            raise refused(self._options, error) from error
+        # Other preconditioners keep a factor, which must not be an old one.
+        cycle.setReusePreconditioner(cycle.getType() == PETSc.PC.Type.GAMG)
+        self.set_ups += 1
+        self._rate, self._waste = None, 0.0
 
     def _new_cycle(self) -> PETSc.PC:
         """Make a V-cycle that knows the rigid-body modes."""

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Mapping, Sequence
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import ufl
@@ -81,11 +83,13 @@ class Newton:
         self._linear_options: dict[str, str] = {}
         self.multigrid: Multigrid | None = None
         self._earlier = 0
+        self._discarded: list[object] = []
 
     @property
     def problem(self) -> NonlinearProblem:
         """The DOLFINx problem, with its vectors, the matrix of its forms, and the linear solver."""
         if self._problem is None:
+            self._free()
             J = jacobian_blocks(self._forms, self.unknowns)
             made = compiled(NonlinearProblem, self.comm)(
                 list(self._forms),
@@ -119,6 +123,23 @@ class Newton:
         """Whether the linear systems are solved up to a tolerance."""
         return self.options["ksp_type"] != "preonly"
 
+    def _free(self) -> None:
+        """Free what was discarded; collective.
+
+        On several ranks PETSc keeps objects whose last reference has gone until all ranks agree.
+        """
+        if not self._discarded:
+            return
+        while self._discarded:
+            part = self._discarded.pop()
+            if isinstance(part, PETSc.SNES):
+                part.destroy()
+            del part
+        gc.collect()
+        V = self.unknowns[0].function_space
+        for comm in (MPI.COMM_WORLD, self.comm, V.dofmap.index_map.comm):
+            PETSc.garbage_cleanup(comm)
+
     @property
     def set_ups(self) -> int:
         """How often the levels of multigrid were made."""
@@ -131,8 +152,9 @@ class Newton:
             self.options, self.linear_solver = options_of(name, self._given), name
 
     def discard(self) -> None:
-        """Forget solvers and matrix, which may be incomplete after an error."""
+        """Forget solvers and matrix, which may be incomplete after an error; not collective."""
         self._earlier = self.set_ups
+        self._discarded += [*self._solvers.values(), self._problem]
         self._problem = self._callbacks = self.multigrid = None
         self._solvers = {}
 

@@ -61,7 +61,10 @@ def node_blocks(columns: Indices, matrices: Array, d: int) -> NodeBlocks:
     share = ALONE if q.shape[1] == d else COUPLED
     parts = (matrices[:, -d:, -d:], matrices[:, -d:, :d], matrices[:, :d, -d:])
     regular = _regular(*parts, share)
-    inverse = np.linalg.inv(regular)
+    try:
+        inverse = np.linalg.inv(regular)
+    except np.linalg.LinAlgError:  # one of them is singular
+        inverse = np.linalg.pinv(regular)
     springs = -forces @ inverse @ slopes
     values, vectors = np.linalg.eigh(0.5 * (springs + springs.transpose(0, 2, 1)))
     springs = np.einsum("nik,nk,njk->nij", vectors, np.maximum(values, 0.0), vectors)

@@ -20,8 +20,8 @@ DEFAULT_OPTIONS: dict[str, object] = {
 #: Of the solver of the whole system with multigrid. A restart would cost nearly incompressible
 #: bodies many iterations; vectors are made when they are needed.
 KRYLOV_OPTIONS: dict[str, object] = {
+    "pc_type": "python",
     "ksp_type": "gmres",
-    "ksp_pc_side": "right",
     "ksp_gmres_restart": 150,
     "ksp_max_it": 150,
 }
@@ -47,7 +47,8 @@ def options_of(linear_solver: str, options: Mapping[str, object]) -> dict[str, o
     if linear_solver == "direct":
         return {**DEFAULT_OPTIONS, **options}
     newton = {k: v for k, v in DEFAULT_OPTIONS.items() if k.startswith("snes_")}
-    return {**newton, **KRYLOV_OPTIONS, **options}
+    gmres = {} if "ksp_type" in options else {"ksp_pc_side": "right"}  # others know no right side
+    return {**newton, **KRYLOV_OPTIONS, **gmres, **options}
 
 
 @contextmanager
@@ -76,9 +77,14 @@ def set_up(solver: PETSc.SNES | PETSc.KSP | PETSc.PC, options: Mapping[str, obje
         with inside(solver.getOptionsPrefix(), options):
             solver.setFromOptions()
     except PETSc.Error as error:
-        raise ContactInputError(
-            f"PETSc refuses the petsc_options {dict(options)}: {str(error).splitlines()[-1]}"
-        ) from error
+        raise refused(options, error) from error
+
+
+def refused(options: Mapping[str, object], error: PETSc.Error) -> ContactInputError:
+    """Return the error that says which options PETSc refuses."""
+    return ContactInputError(
+        f"PETSc refuses the petsc_options {dict(options)}: {str(error).splitlines()[-1]}"
+    )
 
 
 def effective(prefix: str, options: Mapping[str, object]) -> dict[str, str]:

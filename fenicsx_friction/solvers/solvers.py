@@ -43,6 +43,7 @@ class Solvers:
     ) -> None:
         self.full, self._boundary, self._reason = full, boundary, reason
         self.linear_solvers = list(linear_solvers)
+        self._useful: set[str] = set()
         self.now: Newton | BoundaryNewton = full
 
     def condensing(self, how: str) -> bool:
@@ -113,13 +114,18 @@ class Solvers:
         return _InUse(self, condensed)
 
     def keep(self, linear_solver: str) -> None:
-        """Begin with this linear solver of the full solver from now on: it solved a step."""
-        if linear_solver not in self.linear_solvers:
-            return
+        """Note that a linear solver of the full solver has solved a step.
+
+        Those before it, which could not, are not tried again unless they have solved a step before.
+        """
         if failed := self.linear_solvers[: self.linear_solvers.index(linear_solver)]:
-            message = "%s could not solve this step, %s could and is used from now on"
+            useless = [name for name in failed if name not in self._useful]
+            message = "%s could not solve this step, %s could" + (
+                " and is used from now on" if useless else ""
+            )
             tell(self.full.comm, logging.WARNING, message, " and ".join(failed), linear_solver)
-            self.linear_solvers = self.linear_solvers[len(failed) :]
+            self.linear_solvers = [n for n in self.linear_solvers if n not in useless]
+        self._useful.add(linear_solver)
 
     def take(self, condensed: bool) -> None:
         """Solve on the boundary from now on, or the whole system."""

@@ -198,6 +198,7 @@ class Substep:
                 snes.solve(target, x)
         except PETSc.Error as error:
             # MUMPS gives up on a structurally singular matrix with an error, not a reason.
+            self._failure = f"PETSc says: {str(error).splitlines()[-1]}"
             return False, f"LINEAR_SOLVER_ERROR_{error.ierr}"
         self._newton.take(x)
         reason = snes.getConvergedReason()
@@ -205,7 +206,7 @@ class Substep:
 
     def _explain_failure(self, snes: PETSc.SNES) -> None:
         """Say why a factorisation failed, and forget the factor, which cannot be used then."""
-        self._failure = factor_failure(snes) or krylov_failure(snes)
+        self._failure = factor_failure(snes) or krylov_failure(snes) or self._failure
         memory = out_of_memory(snes)
         forget_factor(snes)
         if memory:
