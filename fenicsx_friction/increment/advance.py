@@ -93,12 +93,10 @@ def _cannot_solve(trials: Trials, report: StepReport) -> bool:
 def _ways(trials: Trials) -> Iterator[Way]:
     """Yield the ways to solve a step, on the boundary first where it can be condensed."""
     system = trials.system
-    first, contact = (None, Attempt(system.settings.corrector)), _contact_forces(system)
-    number = system.settings.fallbacks
-    solvers = system.solvers
+    contact, number, solvers = _contact_forces(system), system.settings.fallbacks, system.solvers
     condensing = solvers.condensing(system.settings.solver)
     if condensing and (forces := solvers.condense()) is not None:
-        for attempt in (*first, *CONDENSED_FALLBACKS[:number]):
+        for attempt in (*_first(system), *CONDENSED_FALLBACKS[:number]):
             yield Way(attempt, True, max(forces, contact))
         for k in system.contacts:
             k.anchor()
@@ -107,8 +105,19 @@ def _ways(trials: Trials) -> Iterator[Way]:
     if not np.isfinite(forces):
         raise ContactInputError(explain_not_finite(system, forces))
     for linear_solver in solvers.linear_solvers:
-        for attempt in (*first, *FALLBACKS[:number]):
+        for attempt in (*_first(system, linear_solver), *FALLBACKS[:number]):
             yield Way(attempt, False, max(forces, contact), linear_solver)
+
+
+def _first(system: ContactSystem, linear_solver: str = "") -> tuple[Attempt | None, Attempt]:
+    """Return what is tried first: the present state as it is, predictor and corrector.
+
+    On meshes for multigrid, full Newton steps cycle more often, and a residual costs little beside
+    a linear solve: there the steps have a line search, but where the user asks for one.
+    """
+    asked = system.solvers.full.options["snes_linesearch_type"]
+    damped = linear_solver == "multigrid" and asked == "basic"
+    return None, Attempt(system.settings.corrector, "bt" if damped else None)
 
 
 def _tell(system: ContactSystem, report: StepReport) -> None:
