@@ -12,7 +12,7 @@
 #
 # A block of tread rubber, 24 × 20 × 9 mm with two sipes (slits of 1 mm, 4 mm deep), is pressed on a
 # rigid road and dragged by its top, as a tyre does that brakes. Its three lamellae bend, lean on
-# their leading edges and lift behind. First their trailing edges slip, in the end all does.
+# their leading edges and lift behind. Their rims slip first, in the end all does.
 #
 # Neo-Hookean rubber, E = 6 MPa, nu = 0.45, friction 0.3 (a wet road); forces in N, lengths in mm.
 # The sipes do not close: the demo measures how wide they stay.
@@ -21,9 +21,9 @@
 # displacements, and is solved with multigrid (docs/scaling.md).
 #
 # ```
-# ./container python3 demos/demo_tread_block.py                  # one cell a millimetre, a minute
-# ./container python3 demos/demo_tread_block.py --cells 3        # as in the pictures
-# ./container mpirun -n 2 python3 demos/demo_tread_block.py --cells 3
+# ./container python3 demos/demo_tread_block.py                      # one cell a mm, 20 s
+# ./container python3 demos/demo_tread_block.py --cells 3 --steps 6  # docs/scaling.md, 8 minutes
+# ./container mpirun -n 2 python3 demos/demo_tread_block.py --cells 3 --steps 6
 # ```
 
 # +

@@ -163,7 +163,7 @@ def test_a_tread_block_brakes(tmp_path):
     assert all(row["krylov"] >= row["newton"] > 0 for row in table)
     friction = [row["braking_N"] / row["normal_N"] for row in table if row["time"] >= 1.0]
     assert np.all(np.diff(friction) > 0.0)
-    assert 0.45 < friction[-1] <= 0.5  # some slip sideways
+    assert 0.29 < friction[-1] <= 0.3  # some slip sideways
     assert table[-1]["stick"] == 0.0 < table[-1]["open"]
     assert min(row["narrowest_sipe_mm"] for row in table) > 0.5
     assert len(list(tmp_path.glob("*.png"))) == 7
