@@ -56,7 +56,8 @@ def cube(
         n: Cells along an edge.
         E: Young's modulus (Pa) at points.
         nu, bbar, energy: The bulk.
-        held: ``top`` (all), ``guide`` (u_y at one side) or nothing: contact alone holds it.
+        held: ``top`` or ``base`` (all), ``guide`` (one component each of two sides) or nothing:
+            contact alone holds it.
         wall: Whether another plane stands at one side.
         height: Height (m), of as many times more cells.
     """
@@ -79,8 +80,8 @@ def cube(
         side = ff.RigidPlane((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
         contacts.append(ff.Contact(ff.ContactSurface(msh, tags, 4, "wall"), side, ff.Coulomb(0.2)))
     bcs = []
-    if held == "top":
-        dofs = fem.locate_dofs_topological(V, 2, tags.find(2))
+    if held in ("top", "base"):
+        dofs = fem.locate_dofs_topological(V, 2, tags.find(2 if held == "top" else 1))
         bcs = [fem.dirichletbc(np.zeros(3), dofs, V)]
     if held == "guide":
         bcs = [
@@ -167,11 +168,54 @@ def test_where_multigrid_fails_a_factor_follows(monkeypatch):
     model.problem.solvers.full.options["ksp_max_it"] = 3
     found = model.states(LIFT[:2])
     assert [r.linear_solver for r, _ in found] == ["direct", "direct"]
-    assert "gmres with multigrid" in found[0][0].substeps[0].failure
+    assert any("gmres with multigrid" in s.failure for s in found[0][0].substeps)
     assert found[0][0].krylov and not found[1][0].krylov
     direct = cube("direct", **hard).states(LIFT[:2])
     for (_, a), (_, b) in zip(found, direct, strict=True):
         assert a[0] == pytest.approx(b[0], abs=1e-9 * np.max(abs(b[0])))
+
+
+@pytest.mark.parametrize("linear", ["auto", "direct", "multigrid"])
+@pytest.mark.parametrize("solver", ["auto", "full"])
+def test_held_nodes_that_are_pushed_end_with_a_message(linear, solver):
+    """No force acts yet, and the state is its own solution but for the push."""
+    model = cube(linear, n=3, held="base")
+    model.problem.settings = ff.StepSettings(solver=solver)
+    model.motion.translation.value = (0.0, 0.0, 0.01)
+    with pytest.raises(ff.StepFailed, match="push"):
+        model.problem.solve()
+
+
+def test_set_ups_of_a_failed_step_are_those_of_all_tries(monkeypatch):
+    model = cube("multigrid", n=4)
+    model.problem.settings = ff.StepSettings(solver="full", raise_on_uncertified=False)
+    model.states([((0.0, 0.0, -20.0), REST)])
+    before = model.problem.solvers.full.set_ups
+    model.traction.value = (40.0, 0.0, -20.0)  # more than friction holds
+    report = model.problem.solve()
+    assert not report.certified
+    assert report.set_ups == model.problem.solvers.full.set_ups - before > 1
+
+
+def test_a_line_search_that_is_asked_for_is_taken():
+    """Else the first corrector backtracks."""
+    model = cube("multigrid", n=3, held="top")
+    model.motion.translation.value = (0.01, 0.0, 0.02)
+    model.problem.solve()
+    assert model.problem.projection.solver.getLineSearch().getType() == "bt"
+    F, contact = model.problem.bulk, model.problem.contacts[0]
+    plane = ff.Contact(contact.surface, ff.RigidPlane((0, 0, 0.02), (0, 0, 1)), ff.Coulomb(0.4))
+    asked = ff.FrictionalContactProblem(
+        F,
+        model.problem.u,
+        contact=plane,
+        bcs=model.problem.bcs,
+        petsc_options_prefix="asked_",
+        petsc_options={"snes_linesearch_type": "basic"},
+        linear_solver="multigrid",
+    )
+    asked.solve()
+    assert asked.projection.solver.getLineSearch().getType() == "basic"
 
 
 @pytest.mark.parametrize("kind", ["bubbles", "temperature"])

@@ -52,7 +52,7 @@ def _advance(system: ContactSystem) -> StepReport:
             report = others.choose(trials, way, report)
             check_metrics(system.contacts)  # they may depend on the slip
             system.commit()
-            if not way.condensed:
+            if not way.condensed and way.attempt is not None:
                 system.solvers.keep(way.linear_solver)
             _tell(system, report)
             return report
@@ -68,6 +68,7 @@ def _advance(system: ContactSystem) -> StepReport:
         failed.report,
         substeps=tuple(trials.substeps),
         factorisations=trials.factorisations,
+        set_ups=trials.set_ups,
     )
     failed.state.restore()
     if system.settings.raise_on_uncertified:
@@ -87,7 +88,7 @@ def _cannot_solve(trials: Trials, report: StepReport) -> bool:
     here = [s for s in report.substeps if s.solver == "full"]
     failed = ["LINEAR" in s.reason for s in here]
     another = solvers.linear_solvers[-1] != solvers.full.linear_solver
-    return failed[-1] and (another or not any(s.iterations for s in here))
+    return any(failed[-1:]) and (another or not any(s.iterations for s in here))
 
 
 def _ways(trials: Trials) -> Iterator[Way]:
@@ -115,8 +116,8 @@ def _first(system: ContactSystem, linear_solver: str = "") -> tuple[Attempt | No
     On meshes for multigrid, full Newton steps cycle more often, and a residual costs little beside
     a linear solve: there the steps have a line search, but where the user asks for one.
     """
-    asked = system.solvers.full.options["snes_linesearch_type"]
-    damped = linear_solver == "multigrid" and asked == "basic"
+    asked = "snes_linesearch_type" in system.solvers.full.given
+    damped = linear_solver == "multigrid" and not asked
     return None, Attempt(system.settings.corrector, "bt" if damped else None)
 
 

@@ -82,6 +82,7 @@ def choose(trials: Trials, way: Way, report: StepReport) -> StepReport:
         searched=tuple(trials.substeps[len(report.substeps) :]),
         others=tuple(_compared(system, nearest, other) for other in further),
         factorisations=trials.factorisations,
+        set_ups=trials.set_ups,
     )
 
 

@@ -86,7 +86,7 @@ class StepReport:
 
     @property
     def krylov(self) -> int:
-        """Iterations of the linear solver up to the first solution, one a solve if it is direct."""
+        """Iterations of the linear solver up to the first solution, none if it is direct."""
         return sum(substep.krylov for substep in self.substeps)
 
     @property

@@ -51,6 +51,8 @@ def smooth(system: ContactSystem, forces: float) -> list[SubstepReport]:
     Where the first stage does not converge, there is no such way.
     """
     largest = expected_traction(system, forces)
+    if largest == 0.0:  # nothing to start from
+        return [_stage(system, 0.0, newton_tolerance(system), STAGE)]
     reports = predict(system, system.settings.smoothing * largest, None)
     reports += _begin(system, largest)
     if not reports[-1].converged:

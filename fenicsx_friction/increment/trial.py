@@ -83,8 +83,14 @@ class Trials:
         """How often the bulk was factored so far."""
         return self.system.solvers.factorisations - self._made
 
+    @property
+    def set_ups(self) -> int:
+        """How often the levels of multigrid were made so far."""
+        return self.system.solvers.full.set_ups - self._set_ups
+
     def restore(self) -> None:
-        """Put the start back."""
+        """Put the start back, and the exact rows."""
+        self.system.set_smoothing(xi=0.0, eps=0.0)
         snapshot.restore(self._changed, self._start)
 
     def make(self, way: Way) -> Outcome | None:
@@ -129,7 +135,7 @@ class Trials:
             self.factorisations,
             solver,
             "direct" if solver == "condensed" else system.solvers.full.linear_solver,
-            system.solvers.full.set_ups - self._set_ups,
+            self.set_ups,
         )
         return report, crossed
 

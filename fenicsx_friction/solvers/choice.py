@@ -21,7 +21,7 @@ MULTIGRID_FROM = 10_000
 #: Up to so many displacements in contact, solving on the boundary is the cheaper way, and in 3D up
 #: to so many displacements in all: the memory of a factor grows with their power 4/3.
 MOST_DOFS, MOST_IN_3D = 4000, 100_000
-#: Up to so many displacements in 3D, a factor follows where multigrid failed (about 9 GiB).
+#: Up to so many displacements in 3D, a factor follows where multigrid failed (some 6 GiB).
 FACTORED_UP_TO = 150_000
 
 

@@ -15,7 +15,7 @@ CYCLE = 1e-6
 #: number of nodes across a contact if that is more: on fine meshes, slip fronts move a few nodes a
 #: step.
 STALLED = 8
-#: Where iterations are cheap, so many full Newton steps to more than so many times the smallest
+#: Where iterations are cheap, so many full Newton steps up to more than so many times the smallest
 #: residual count as a cycle, too. (Bodies that buckle find their way after such jumps.)
 JUMPS, WILD = 2, 10.0
 
@@ -81,8 +81,8 @@ class Progress:
 
     def _wild(self) -> bool:
         """Tell whether the residual has jumped again and again."""
-        smallest = np.minimum.accumulate(self.history)
-        return bool(np.sum(self.history > WILD * smallest) >= JUMPS)
+        smallest, rises = np.minimum.accumulate(self.history), np.diff(self.history) > 0.0
+        return bool(np.sum(rises & (self.history > WILD * smallest)[1:]) >= JUMPS)
 
     def _is_rounding(self, rows: np.ndarray) -> bool:
         """Tell whether a residual that no step makes smaller is rounding; collective."""

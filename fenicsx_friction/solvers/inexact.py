@@ -32,4 +32,4 @@ def accuracy(history: Sequence[float], last: float, excess: float) -> float:
         found = GAMMA * (history[-1] / history[-2]) ** ALPHA
         if (before := GAMMA * last**ALPHA) > WORST:
             found = max(found, before)
-    return float(min(max(found, AIM / excess, BEST), WORST))
+    return float(min(max(found, AIM / max(excess, 1.0), BEST), WORST))

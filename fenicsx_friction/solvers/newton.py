@@ -46,7 +46,7 @@ class Newton:
 
     Attributes:
         unknowns: As given.
-        options: All options.
+        given, options: The options as given, and all.
         scales: As given.
         terms: As given.
         errors: What callbacks have raised.
@@ -70,8 +70,8 @@ class Newton:
     ) -> None:
         self._forms, self.unknowns, self._bcs = forms, unknowns, bcs
         self._prefix, self._entity_maps = prefix, entity_maps
-        self._given = options or {}
-        self.options = options_of(linear_solver, self._given)
+        self.given = options or {}
+        self.options = options_of(linear_solver, self.given)
         self.scales, self.terms = scales, terms
         self.comm = unknowns[0].function_space.mesh.comm
         self.linear_solver = linear_solver
@@ -149,7 +149,7 @@ class Newton:
         """Take another linear solver, ``direct`` or ``multigrid``, if it is not in use."""
         if name != self.linear_solver:
             self.discard()
-            self.options, self.linear_solver = options_of(name, self._given), name
+            self.options, self.linear_solver = options_of(name, self.given), name
 
     def discard(self) -> None:
         """Forget solvers and matrix, which may be incomplete after an error; not collective."""

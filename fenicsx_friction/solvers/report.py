@@ -22,7 +22,7 @@ class SubstepReport:
         failure: Why a linear solve failed, in plain words.
         solver: ``full``: an iteration solves the whole system; ``condensed``: a dense system of
             the dofs of the contact surfaces.
-        krylov: Iterations of the linear solver in all, one each for a direct one.
+        krylov: Iterations of the linear solver in all; none of a direct one.
     """
 
     name: str
