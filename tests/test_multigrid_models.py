@@ -146,6 +146,13 @@ def test_a_tower_leaves_ranks_without_contact():
     assert_equal(PUSH[:2], n=3, height=9, held="guide")
 
 
+def test_twelve_cells_an_edge():
+    """A larger model than the others: open, stick and slip together."""
+    reports = assert_equal(LIFT, n=12, held="top")
+    assert reports[-1].contacts[0].open == 169
+    assert any(min(k.open, k.slip) > 0 for r in reports for k in r.contacts)
+
+
 def test_guides_and_two_contacts():
     assert_equal(PUSH, held="guide", wall=1)
 
