@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from mpi4py import MPI
 
@@ -24,6 +25,8 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
+
+T = TypeVar("T")
 
 
 def layers(n: int) -> tuple[mesh.Mesh, mesh.MeshTags]:
@@ -49,8 +52,8 @@ def layers(n: int) -> tuple[mesh.Mesh, mesh.MeshTags]:
     return msh, tags
 
 
-def build(n: int, deformable: bool) -> tuple[ff.FrictionalContactProblem, fem.Function]:
-    """Return the problem, and the Function that moves the top and holds the base."""
+def build(n: int, deformable: bool) -> ff.FrictionalContactProblem:
+    """Return the problem; its top is moved down, its base held."""
     msh, tags = layers(n)
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, v, moved = fem.Function(V, name="u"), ufl.TestFunction(V), fem.Function(V)
@@ -62,7 +65,7 @@ def build(n: int, deformable: bool) -> tuple[ff.FrictionalContactProblem, fem.Fu
         obstacle: ff.Obstacle = ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2, "lower"))
     else:
         obstacle = ff.RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    problem = ff.FrictionalContactProblem(
+    return ff.FrictionalContactProblem(
         ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v),
         u,
         contact=ff.Contact(ff.ContactSurface(msh, tags, 1, "upper"), obstacle, ff.Coulomb(0.3)),
@@ -70,23 +73,20 @@ def build(n: int, deformable: bool) -> tuple[ff.FrictionalContactProblem, fem.Fu
         petsc_options_prefix=f"layers_{n}_",
         linear_solver="multigrid",
     )
-    return problem, moved
 
 
 def parts(n: int, deformable: bool, folder: Path) -> dict[str, float]:
     """Return the CPU times (s) of the parts, in their order."""
     spent: dict[str, float] = {}
 
-    def timed(name: str, call: Callable[[], object]) -> object:
+    def timed(name: str, call: Callable[[], T]) -> T:
         """Run a part and keep its time."""
         start = time.process_time()
         result = call()
         spent[name] = time.process_time() - start
         return result
 
-    made: list[ff.FrictionalContactProblem] = []
-    timed("mesh and construction", lambda: made.append(build(n, deformable)[0]))
-    problem = made[0]
+    problem = timed("mesh and construction", lambda: build(n, deformable))
     contact = problem.contacts[0]
     timed("frames, pairs and forces", lambda: (contact.anchor(), problem.scales.begin()))
     timed("residual", lambda: problem.projection.residual().destroy())

@@ -117,7 +117,7 @@ def build(cells: int, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Model:
 
 
 def brake(model: Model, steps: int, output: Path) -> list[Row]:
-    """Press, then brake in twice as many steps; return a row a step."""
+    """Press, then brake, in as many steps each; return a row a step."""
     rows, fields = [], ff.ContactFields(model.problem)
     stepper = ff.LoadStepper(model.problem, model.load, end=2.0, step=1.0 / steps, stops=SHOWN[:-1])
     start = time.process_time()

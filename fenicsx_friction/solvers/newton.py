@@ -154,7 +154,8 @@ class Newton:
     def discard(self) -> None:
         """Forget solvers and matrix, which may be incomplete after an error; not collective."""
         self._earlier = self.set_ups
-        self._discarded += [*self._solvers.values(), self._problem]
+        if self.comm.size > 1:  # on one rank, the last reference frees them at once
+            self._discarded += [*self._solvers.values(), self._problem]
         self._problem = self._callbacks = self.multigrid = None
         self._solvers = {}
 

@@ -3,7 +3,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from petsc4py import PETSc
 
@@ -38,8 +38,8 @@ class SolverOptions:
     """
 
     prefix: str
-    given: Mapping[str, object] = field(default_factory=dict)
-    linear_solver: str = "auto"
+    given: Mapping[str, object]
+    linear_solver: str
 
 
 def options_of(linear_solver: str, options: Mapping[str, object]) -> dict[str, object]:
