@@ -30,7 +30,12 @@ def read_table(path: Path) -> list[Row]:
 
 
 def draw_face(
-    contact: ff.Contact, fields: ff.ContactFields, title: str, path: Path, *, unit: str
+    contact: ff.Contact,
+    fields: ff.ContactFields,
+    title: str,
+    path: Path,
+    *,
+    units: tuple[str, str],
 ) -> None:
     """Draw where the nodes of a horizontal contact face are now, their states and pressures.
 
@@ -39,9 +44,9 @@ def draw_face(
         fields: Its fields, updated.
         title: Of the picture.
         path: The picture.
-        unit: Of the pressures.
+        units: Of lengths and of pressures.
     """
-    n = contact.surface.num_owned
+    (length, unit), n = units, contact.surface.num_owned
     local = (contact.pairing.positions(), fields.state.x.array[:n], contact.nodal().c[:, 0])
     parts = contact.surface.mesh.comm.gather(local)
     if parts is None:
@@ -57,8 +62,8 @@ def draw_face(
     figure.colorbar(points, ax=right, label=f"pressure ({unit})")
     for axis in (left, right):
         axis.set_aspect("equal")
-        axis.set_xlabel("x")
-        axis.set_ylabel("y")
+        axis.set_xlabel(f"x ({length})")
+        axis.set_ylabel(f"y ({length})")
     figure.suptitle(title)
     figure.savefig(path, dpi=150)
     plt.close(figure)

@@ -127,7 +127,7 @@ def sweep(model: Model, steps: int, output: Path | None = None) -> list[dict[str
         if output is not None and any(np.isclose(record.time, t) for t in SHOWN):
             fields.update()
             picture = output / f"states_{record.time:.1f}.png"
-            draw_face(model.contact, fields, f"t = {record.time:.1f}", picture, unit="Pa")
+            draw_face(model.contact, fields, f"t = {record.time:.1f}", picture, units=("m", "Pa"))
             draw_configuration(
                 model.problem.u,
                 output / f"configuration_{record.time:.1f}.png",

@@ -174,7 +174,8 @@ def narrowest_sipe(u: fem.Function) -> float:
 def draw(model: Model, fields: ff.ContactFields, now: float, output: Path) -> None:
     """Draw the block, and the states and pressures of its tread, at a time."""
     title = f"braked by {ALONG * max(now - 1.0, 0.0):.1f} mm"
-    draw_face(model.contact, fields, title, output / f"tread_{now:.1f}.png", unit="MPa")
+    picture = output / f"tread_{now:.1f}.png"
+    draw_face(model.contact, fields, title, picture, units=("mm", "MPa"))
     draw_configuration(
         model.problem.u,
         output / f"block_{now:.1f}.png",
