@@ -37,9 +37,9 @@ class Contact:
         c: Multipliers ``(c_n, c_1[, c_2])``, tractions on the body in the contact frame (Pa).
         path: Length slid in contact up to the last accepted step (m).
         c_stick: Multipliers of the stick predictor, frozen for the slip corrector (Pa).
+        r_p: As given.
         r: The scale ``r_p`` at each node (Pa/m), of the rows that are solved.
-        scale: The stiffness of the bulk over the area (Pa/m): the scale of the certificate,
-            whatever ``r_p`` is.
+        scale: The stiffness of the bulk over the area (Pa/m): the scale of the certificate.
         slipping: 1 at the nodes where the corrector uses the slip rows (15), else 0.
         accepted: Nodal values of the last accepted step, or ``None``.
         slip_increment: Slip of the last accepted step (m), global vectors of the owned nodes.
@@ -67,7 +67,7 @@ class Contact:
         # Each contact needs a multiplier space of its own: DOLFINx applies conditions by space.
         surface = copy.copy(surface)
         surface.Q = surface.Q.clone()
-        self.surface, self.obstacle, self.friction, self._r_p = surface, obstacle, friction, r_p
+        self.surface, self.obstacle, self.friction, self.r_p = surface, obstacle, friction, r_p
         Q, S = surface.Q, surface.S
         self.c = fem.Function(Q, name="contact_traction")
         self.c_stick = fem.Function(Q, name="stick_traction")
@@ -125,7 +125,7 @@ class Contact:
         softer = self.pairing.stiffness(diagonal, V)
         self.scale.x.array[:] = np.where(softer < MUCH_SOFTER * scale, softer, scale)
         self.scale.x.scatter_forward()
-        self.r.x.array[:] = self.scale.x.array if self._r_p is None else self._r_p
+        self.r.x.array[:] = self.scale.x.array if self.r_p is None else self.r_p
 
     def hold(self, held: fem.Function) -> None:
         """Set up the frames under the conditions; collective.

@@ -20,6 +20,9 @@ from .report import StepReport
 from .system import ContactSystem
 from .trial import Trials, Way
 
+#: From so many nodes across the contacts on, ``r_p`` is smaller at first.
+ACROSS = 8
+
 
 def advance(system: ContactSystem) -> StepReport:
     """Solve, certify and commit one increment; see ``FrictionalContactProblem.solve``."""
@@ -118,7 +121,20 @@ def _first(system: ContactSystem, linear_solver: str = "") -> tuple[Attempt | No
     """
     asked = "snes_linesearch_type" in system.solvers.full.given
     damped = linear_solver == "multigrid" and not asked
-    return None, Attempt(system.settings.corrector, "bt" if damped else None)
+    search = "bt" if damped else None
+    return None, Attempt(system.settings.corrector, search, r_factor=_softening(system))
+
+
+def _softening(system: ContactSystem) -> float:
+    """Return what ``r_p`` is multiplied by at first, if it was not given.
+
+    A node that slips against its friction should stick in the next iteration. With ``r_p`` from the
+    stiffness of one element, a slip of many elements' length across the contact, which meets a
+    far smaller stiffness, makes it slip the other way instead.
+    """
+    if any(k.r_p is not None for k in system.contacts):
+        return 1.0
+    return min(ACROSS / system.scales.nodes_across, 1.0)
 
 
 def _tell(system: ContactSystem, report: StepReport) -> None:

@@ -22,7 +22,7 @@ Indices = npt.NDArray[np.int64]
 #: than one. With a plane, 0.1 to 0.3 take the fewest iterations (1e-2 a third more when most nodes
 #: slip). Springs between bodies couple nodes: a smoother that goes from node to node follows stiff
 #: ones slowly (four times the iterations at 1e-2; at 0.2 three times where they join two ranks).
-ALONE, COUPLED = 0.3, 1.0
+ALONE, COUPLED = 0.1, 0.3
 
 
 @dataclass(frozen=True)
