@@ -73,7 +73,7 @@ def test_block_on_a_plane(cell, mu, energy):
 @pytest.mark.parametrize("law", LAWS)
 def test_laws(law):
     def made(linear):
-        body = block("hexahedron", 0.1, f"mg_{law}_{linear}_body_", n=(6, 5, 3))
+        body = block("hexahedron", 0.1, f"mg_{law}_{linear}_body_", n=(12, 12, 12))
         surface, plane = body.contact.surface, body.contact.obstacle
         contact = ff.Contact(surface, plane, LAWS[law])
         options = {"linear_solver": linear, "settings": ff.StepSettings(solver="full")}
@@ -86,7 +86,9 @@ def test_laws(law):
 @pytest.mark.parametrize("kind", ["sphere", "cylinder"])
 def test_obstacles(kind):
     def made(linear):
-        body = block("hexahedron", 0.1, f"mg_{kind}_{linear}_body_", n=(8, 6, 3), energy="finite")
+        body = block(
+            "hexahedron", 0.1, f"mg_{kind}_{linear}_body_", n=(12, 12, 12), energy="finite"
+        )
         if kind == "sphere":
             obstacle = ff.RigidSphere((0.6, 0.45, -0.8), 0.8)
         else:
@@ -117,6 +119,21 @@ def test_pairs_take_no_more_iterations_than_planes():
     for place in [(0.0, 0.0, -0.02), (0.01, 0.0, -0.02)]:
         model.move(*place)
         assert model.problem.solve().krylov <= 60  # 28 to 44; 105 with springs as for planes
+
+
+@pytest.mark.parametrize("linear", ["direct", "multigrid"])
+@pytest.mark.parametrize("moduli", [(1e6, 1e2), (1e2, 1e6)])
+def test_stiff_and_soft_bodies(moduli, linear):
+    """A stiff body that is moved is far from its balance, but its contact forces are small."""
+    model = stack(
+        0.4, f"mg_stiff_{linear}_", upper=(5, 5, 3), lower=(4, 4, 3), E=moduli, linear_solver=linear
+    )
+    for place in [(0.0, 0.0, -0.02), (0.01, 0.0, -0.02), (0.06, 0.02, -0.03)]:
+        model.move(*place)
+        report = model.problem.solve()
+        assert report.certified and report.linear_solver == linear
+        if linear == "direct":
+            assert report.iterations <= 25  # 57 with forces of the stiff body
 
 
 def test_the_levels_serve_many_steps():

@@ -16,6 +16,7 @@ from ..contact.checks import check_friction, check_metrics, check_normals
 from . import others, snapshot
 from .correctors import CONDENSED_FALLBACKS, FALLBACKS, Attempt
 from .diagnosis import explain, explain_not_finite
+from .predictor import soft_forces
 from .report import StepReport
 from .system import ContactSystem
 from .trial import Trials, Way
@@ -97,11 +98,12 @@ def _cannot_solve(trials: Trials, report: StepReport) -> bool:
 def _ways(trials: Trials) -> Iterator[Way]:
     """Yield the ways to solve a step, on the boundary first where it can be condensed."""
     system = trials.system
-    contact, number, solvers = _contact_forces(system), system.settings.fallbacks, system.solvers
+    number, solvers = system.settings.fallbacks, system.solvers
+    contact, soft = _contact_forces(system), soft_forces(system)
     condensing = solvers.condensing(system.settings.solver)
     if condensing and (forces := solvers.condense()) is not None:
         for attempt in (*_first(system), *CONDENSED_FALLBACKS[:number]):
-            yield Way(attempt, True, max(forces, contact))
+            yield Way(attempt, True, max(min(forces, soft), contact))
         for k in system.contacts:
             k.anchor()
     trials.restore()
@@ -110,7 +112,7 @@ def _ways(trials: Trials) -> Iterator[Way]:
         raise ContactInputError(explain_not_finite(system, forces))
     for linear_solver in solvers.linear_solvers:
         for attempt in (*_first(system, linear_solver), *FALLBACKS[:number]):
-            yield Way(attempt, False, max(forces, contact), linear_solver)
+            yield Way(attempt, False, max(min(forces, soft), contact), linear_solver)
 
 
 def _first(system: ContactSystem, linear_solver: str = "") -> tuple[Attempt | None, Attempt]:

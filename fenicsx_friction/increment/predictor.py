@@ -5,6 +5,8 @@ from mpi4py import MPI
 
 import numpy as np
 
+from ..base.collective import largest_of_ranks
+from ..equations.conditions import with_conditions
 from ..solvers.report import SubstepReport
 from . import snapshot
 from .system import ContactSystem
@@ -33,7 +35,29 @@ def predict(system: ContactSystem, eps: float, iterations: int | None) -> list[S
     return [report]
 
 
+def soft_forces(system: ContactSystem) -> float:
+    """Return the forces (2-norm, N) that loads and motions of a step can bring to the contacts.
+
+    A stiff body that is moved on a soft one is far from its balance at first, but meets the
+    stiffness of the soft one only.
+    """
+    loads = system.assemble_bulk()
+    held = system.constrained_dofs
+    loads[held[held < len(loads)]] = 0.0
+    moved = with_conditions(system.u, system.bcs) - system.u.x.array
+    (jump,) = largest_of_ranks(system.comm, np.array([np.max(abs(moved), initial=0.0)]))
+    stiffness = [k.nodal_scale() * k.nodal_area() for k in system.contacts]
+    depths = [np.minimum(k.pairing.gaps(), 0.0) for k in system.contacts]
+    pushes = [a * g for a, g in zip(stiffness, depths, strict=True)]
+    return sum(_norm(system, *p) for p in ([loads], [float(jump) * a for a in stiffness], pushes))
+
+
+def _norm(system: ContactSystem, *values: np.ndarray) -> float:
+    """Return the 2-norm of values of all ranks."""
+    local = sum(float(np.sum(a**2)) for a in values)
+    return float(np.sqrt(system.comm.allreduce(local, MPI.SUM)))
+
+
 def expected_traction(system: ContactSystem, forces: float) -> float:
     """Return the traction (Pa) that spreads the forces over the contact nodes."""
-    local = sum(float(np.sum(s.area**2)) for s in system.nodal_states())
-    return forces / float(np.sqrt(system.comm.allreduce(local, MPI.SUM)))
+    return forces / _norm(system, *(s.area for s in system.nodal_states()))

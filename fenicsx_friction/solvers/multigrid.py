@@ -37,7 +37,7 @@ CYCLE_OPTIONS: dict[str, object] = {
 CYCLE = "multigrid_"
 #: The levels are made anew when they have cost so many iterations more than at the rate of their
 #: first solve. To make them costs as much as about a dozen V-cycles; counts vary with the states.
-PATIENCE = 4
+PATIENCE = 8
 
 
 #: Of relative tolerances.

@@ -57,7 +57,7 @@ class Substep:
         self._solvers, self._rows, self._scales = solvers, rows, solvers.full.scales
         self._law: Law | None = None
         self.watch: Callable[[int], None] | None = None
-        self._progress, self._failure, self._spent = self._new_progress(0.0), "", 0
+        self._progress, self._failure, self._spent, self._krylov = self._new_progress(0.0), "", 0, 0
 
     @property
     def _newton(self) -> Newton | BoundaryNewton:
@@ -155,7 +155,7 @@ class Substep:
         snes.getLineSearch().setType(str(line_search or chosen))
         snes.setTolerances(max_it=int(str(max_it or limit)))
         self._progress = self._new_progress(tolerance)
-        self._failure, self._spent = "", 0
+        self._failure, self._spent, self._krylov = "", 0, 0
         converged, reason = self._run(target)
         history = self._progress.history
         iterations = self._spent + max(len(history) - 1, 0)
@@ -171,7 +171,7 @@ class Substep:
             residuals=tuple(history),
             failure=self._failure,
             solver=self._newton.name,
-            krylov=self.solver.getLinearSolveIterations() if self._newton.iterative else 0,
+            krylov=self._krylov if self._newton.iterative else 0,
         )
 
     def _run(self, target: PETSc.Vec | None) -> tuple[bool, str]:
@@ -201,6 +201,7 @@ class Substep:
             self._failure = f"PETSc says: {str(error).splitlines()[-1]}"
             return False, f"LINEAR_SOLVER_ERROR_{error.ierr}"
         self._newton.take(x)
+        self._krylov += snes.getLinearSolveIterations()
         reason = snes.getConvergedReason()
         return reason > 0, reason_name(reason)
 
