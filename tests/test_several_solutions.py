@@ -90,7 +90,7 @@ def test_the_solution_nearest_to_the_last_state_is_taken(wedged, monkeypatch):
     """Whichever is found first: here the lifted one, which is that without friction."""
     ratio, mu, _ = wedged
     problem, force, _ = corner(mu, ratio, "nearest_", look_for_others=True)
-    monkeypatch.setattr(advance, "Attempt", lambda *_: others.Attempt("friction"))
+    monkeypatch.setattr(advance, "_first", lambda *_: (None, others.Attempt("friction")))
     with pytest.warns(UserWarning, match="certified solutions"):
         report = problem.solve()
     assert report.certified
