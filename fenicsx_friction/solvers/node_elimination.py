@@ -18,11 +18,11 @@ Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
 
 #: The multiplier that is added to each row, relative: against a rigid obstacle, and against faces
-#: of another body. A closed node's spring is as many times stiffer than the body as this is smaller
-#: than one, and softer on fine contacts, whose rows have a smaller ``r_p``. With a plane, 0.03 to 0.3
-#: take about the same iterations. Springs between bodies couple nodes: a smoother that goes from node
-#: to node follows stiff ones slowly (four times the iterations at 1e-2; at 0.2 twice where they join
-#: two ranks).
+#: of another body. A closed node's spring is as many times stiffer than the body as this is
+#: smaller than one, and softer on fine contacts, whose rows have a smaller ``r_p``. With a plane,
+#: 0.03 to 0.3 take about the same iterations. Springs between bodies couple nodes: a smoother that
+#: goes from node to node follows stiff ones slowly (four times the iterations at 1e-2; at 0.2 twice
+#: where they join two ranks).
 ALONE, COUPLED = 0.1, 0.7
 
 
