@@ -279,3 +279,68 @@ def test_friction_that_drives(law, match):
         problem.solve()
         model.move(0.05, 0.0, -0.01)
         problem.solve()
+
+
+# -- a corner between rough obstacles --------------------------------------------------------------
+
+#: Where the floor and the wall go (m).
+JAMMING = [
+    ((0.0, 0.01), (0.0, 0.0)),
+    ((0.01, 0.01), (-0.003, 0.0)),
+    ((0.03, 0.012), (-0.01, 0.005)),
+    ((-0.03, 0.012), (-0.01, -0.02)),
+    ((0.0, -0.01), (0.01, 0.0)),
+]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("solver", ["auto", "full"])
+@pytest.mark.parametrize(("mu", "E", "size"), [(20.0, 1e3, 1.0), (2.0, 1e-6, 1e6), (2.0, 1e3, 1.0)])
+def test_a_corner_that_jams_hides_no_penetration(mu, E, size, solver):
+    """A node on floor and wall can carry any pair of tractions where ``mu**2 > 1``.
+
+    Of 1e11 times Young's modulus, they were the scale of all that was measured.
+    """
+    msh = mesh.create_rectangle(
+        MPI.COMM_WORLD, [[0.0, 0.0], [size, size]], [16, 4], mesh.CellType.quadrilateral
+    )
+    tags = tagged_facets(
+        msh,
+        lambda x: np.isclose(x[1], 0.0),
+        lambda x: np.isclose(x[1], size),
+        lambda x: np.isclose(x[0], size) & (x[1] <= 0.51 * size),
+    )
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E, 0.3))
+    motions = [ff.RigidMotion(msh), ff.RigidMotion(msh)]
+    planes = [
+        ff.RigidPlane((0.0, 0.0), (0.0, 1.0), motion=motions[0]),
+        ff.RigidPlane((1.001 * size, 0.0), (-1.0, 0.0), motion=motions[1]),
+    ]
+    contacts = [
+        ff.Contact(ff.ContactSurface(msh, tags, tag, name), plane, ff.Coulomb(mu))
+        for tag, name, plane in zip((1, 3), ("floor", "wall"), planes, strict=True)
+    ]
+    held = fem.locate_dofs_topological(V, 1, tags.find(2))
+    problem = ff.FrictionalContactProblem(
+        ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v),
+        u,
+        contact=contacts,
+        bcs=fem.dirichletbc(np.zeros(2), held, V),
+        petsc_options_prefix="jam_",
+        settings=ff.StepSettings(solver=solver, raise_on_uncertified=False),
+    )
+    certified = 0
+    for places in JAMMING:
+        for motion, place in zip(motions, places, strict=True):
+            motion.translation.value = size * np.array(place)
+        report = problem.solve()
+        if not report.certified:
+            continue
+        certified += 1
+        for k in contacts:
+            tractions = abs(k.multipliers()).max(initial=0.0)
+            assert np.min(k.pairing.gaps(), initial=0.0) > -1e-9 * size
+            assert tractions < 100.0 * E
+    assert certified >= 3

@@ -16,7 +16,7 @@ from ..base.collective import largest_of_ranks
 from ..certificate.groups import Array, Groups
 from ..certificate.scales import DIGITS, FAINT, SHARE, Scales, joined
 from ..contact.contact import Contact
-from ..surfaces.cells import extreme_sizes
+from ..surfaces.cells import extent, extreme_sizes
 from .bodies import link_bodies, number_bodies
 from .boundary_measure import BoundaryMeasure
 from .conditions import with_conditions
@@ -52,6 +52,9 @@ class ForceScales:
         number: Number of bodies.
         surfaces: Groups the owned nodes of each contact, by body.
         nodes_across: Number of nodes across all contacts, a root of their number in 3D.
+        equilibrium: The groups of the bodies and of the further equations.
+        held_rows: The owned rows of the system that are conditions.
+        row_factors: What makes a force of each owned row: a stiffness at the conditions, else one.
     """
 
     #: What :meth:`begin` and :meth:`find_noise` set: arrays that are replaced, never changed.
@@ -82,13 +85,18 @@ class ForceScales:
         parts = (self._labels, self._bodies, self.number)
         self._rows = RowGroups(unknowns, contacts, bcs, self._stiffness, equations, *parts)
         self._all, self._held = self._rows.bodies, self._rows.held
+        self.equilibrium, self.held_rows = self._rows.equilibrium, self._rows.held_rows
+        self.row_factors = self._rows.row_factors
         self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
         self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
         V = self._u.function_space
         self._linked = link_bodies(contacts, self._bodies, V, body, self.number)
         nodes = self._comm.allreduce(sum(map(len, self._bodies)), MPI.SUM)
         self.nodes_across = nodes ** (1.0 / (each - 1))
-        self._size = extreme_sizes(V.mesh)[1]
+        # What moves a node by the size of the mesh: more, as in a jammed corner, would hide errors.
+        self._size = extreme_sizes(V.mesh)[1], extent(V.mesh)
+        self._most = self._size[1] * self._stiffest
+        self._most_traction = self._by_contact([self._size[1] * k.nodal_scale() for k in contacts])
         self.begin()
 
     def begin(self) -> None:
@@ -110,21 +118,6 @@ class ForceScales:
         for equation in self._equations:
             equation.begin()
 
-    @property
-    def equilibrium(self) -> npt.NDArray[np.int64]:
-        """The groups of the bodies and of the further equations."""
-        return self._rows.equilibrium
-
-    @property
-    def held_rows(self) -> npt.NDArray[np.int64]:
-        """The owned rows of the system that are conditions."""
-        return self._rows.held_rows
-
-    @property
-    def row_factors(self) -> Array:
-        """What makes a force of each owned row: a stiffness at the conditions, else one."""
-        return self._rows.row_factors
-
     def save(self) -> object:
         """Return what :meth:`begin` has set; not collective."""
         return [(part, {k: getattr(part, k) for k in part.AT_START}) for part in self._measured]
@@ -138,7 +131,7 @@ class ForceScales:
         """Measure the rounding errors of the forces at this state, until the next step or call."""
         momentum, *others = rounding_errors(self._unknowns, self._residuals)
         # More than this is not rounding: displacements are out of bounds, or there is a kink.
-        most = MOST_NOISE * self._stiffest * self._size
+        most = MOST_NOISE * self._stiffest * self._size[0]
         noise = self._over_ranks(NOISE * self._all.largest(momentum))
         self._noise = np.where(noise <= most, noise, 0.0)
         for equation, errors in zip(self._equations, others, strict=True):
@@ -203,11 +196,18 @@ class ForceScales:
         if momentum is not None:
             largest = np.maximum(largest, self._held.largest(abs(momentum)))
         forces, hidden = self._over_ranks(np.stack([largest, DIGITS * hidden]))
+        forces = np.minimum(forces, self._most)
         strict = np.zeros(self.number, dtype=bool)
         bodies = Scales(
-            forces, self._forces, hidden, self._given, self._length, self._noise, strict
+            forces,
+            self._forces,
+            hidden,
+            self._given,
+            self._length,
+            self._noise,
+            strict,
         )
-        tractions = self._by_contact(self._traction_lengths())
+        tractions = np.minimum(self._by_contact(self._traction_lengths()), self._most_traction)
         rounded = [
             k.nodal_scale() * (k.distance() + lengths)
             for k, lengths in zip(self._contacts, self._coordinates, strict=True)

@@ -21,8 +21,8 @@ from .report import StepReport
 from .system import ContactSystem
 from .trial import Trials, Way
 
-#: From so many nodes across the contacts on, ``r_p`` is smaller at first.
-ACROSS = 8
+#: From so many nodes across the contacts on, ``r_p`` is smaller at first, but no smaller than by:
+ACROSS, SOFTEST = 8, 0.02
 
 
 def advance(system: ContactSystem) -> StepReport:
@@ -136,7 +136,7 @@ def _softening(system: ContactSystem) -> float:
     """
     if any(k.r_p is not None for k in system.contacts):
         return 1.0
-    return min(ACROSS / system.scales.nodes_across, 1.0)
+    return min(max(ACROSS / system.scales.nodes_across, SOFTEST), 1.0)
 
 
 def _tell(system: ContactSystem, report: StepReport) -> None:

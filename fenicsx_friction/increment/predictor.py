@@ -39,8 +39,10 @@ def soft_forces(system: ContactSystem) -> float:
     """Return the forces (2-norm, N) that loads and motions of a step can bring to the contacts.
 
     A stiff body that is moved on a soft one is far from its balance at first, but meets the
-    stiffness of the soft one only.
+    stiffness of the soft one only. What further unknowns bring is not known.
     """
+    if len(system.unknowns) > 1:
+        return float("inf")
     loads = system.assemble_bulk()
     held = system.constrained_dofs
     loads[held[held < len(loads)]] = 0.0

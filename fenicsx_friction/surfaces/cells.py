@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import mesh
 
+from ..base.collective import largest_of_ranks
 from ..base.errors import ContactInputError
 
 Array = npt.NDArray[np.floating]
@@ -125,3 +126,11 @@ def extreme_sizes(msh: mesh.Mesh) -> tuple[float, float]:
         float(msh.comm.allreduce(float(smallest), MPI.MIN)),
         float(msh.comm.allreduce(float(largest), MPI.MAX)),
     )
+
+
+def extent(msh: mesh.Mesh) -> float:
+    """Return the length of the longest side of the box about a mesh (m); collective."""
+    x = msh.geometry.x
+    ends = np.concatenate([np.max(a, axis=0, initial=-np.inf) for a in (x, -x)])
+    high, low = np.split(largest_of_ranks(msh.comm, ends), 2)
+    return float(np.max(high + low))
