@@ -30,8 +30,8 @@ class Contact:
         surface: The contact surface of the body.
         obstacle: A rigid obstacle, or the surface of a deformable body.
         friction: The friction law.
-        r_p: Scale (Pa/m) of the complementarity functions, the paper's ``r_p``. By default
-            each node's diagonal bulk stiffness over its area, which is of the size of ``E/L_c``.
+        r_p: Scale (Pa/m) of the complementarity functions, the paper's ``r_p``. By default each
+            node's bulk stiffness over area, of the size of ``E/L_c``; less at first on fine meshes.
 
     Attributes:
         c: Multipliers ``(c_n, c_1[, c_2])``, tractions on the body in the contact frame (Pa).
