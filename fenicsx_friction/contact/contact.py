@@ -187,7 +187,7 @@ class Contact:
 
     def nodal_area(self) -> Array:
         """Return the areas."""
-        return self.surface.area.x.array[: self.surface.num_owned]
+        return self.pairing.area()
 
     def nodal_scale(self) -> Array:
         """Return the stiffness over the area (Pa/m)."""
@@ -242,8 +242,7 @@ class Contact:
         n, side = self.surface.num_owned, self.pairing.side
         self.accepted = self.present()
         frames, free = self.pairing.frames()[:, 1:], side.nodal(self.free)[:, 1:]
-        way = self.pairing.ways()
-        slip: npt.NDArray = free * np.einsum("nd,nkd->nk", way, frames)
+        slip: npt.NDArray = free * self.pairing.slips()
         self.slip_increment = np.einsum("nk,nkd->nd", slip, frames)
         closed = self.accepted.states() != OPEN
         self.path.x.array[:n] = np.where(closed, self._values()[:, -1], self.path.x.array[:n])

@@ -23,7 +23,7 @@ from ufl.core.expr import Expr
 from ..base.collective import any_rank
 from ..base.errors import ContactInputError
 from ..contact.contact import Contact
-from ..obstacles.kinematics import Array, frame_slopes, frames
+from ..obstacles.kinematics import Array
 from ..surfaces.nodal_kernel import NodalKernel
 from ..surfaces.surface import has_vertex_dofs
 from .conditions import constrained_dofs, with_conditions
@@ -154,10 +154,10 @@ class ContactTerms:
         """Subtract the nodal forces of contact from the momentum balance, of free rows or all."""
         target = (self._rows if kind == "free" else self._all_rows)[0]
         for i, k in enumerate(self._contacts):
-            forces = -k.nodal_area()[:, None] * k.pairing.traction()
-            weights = k.pairing.weights()
+            c = k.nodal_area()[:, None] * k.multipliers()
+            forces = -np.einsum("nk,nkpd->npd", c, k.pairing.levers())
             rows = self._kept(kind, i, partial(k.pairing.gather, target, missing=-1))
-            _add(vector, rows[:, : weights.shape[1]], weights[:, :, None] * forces[:, None])
+            _add(vector, rows[:, : forces.shape[1]], forces)
         vector.assemble()
 
     def _kept(self, what: object, i: int, find: Callable[[], Indices]) -> Indices:
@@ -209,21 +209,15 @@ class ContactTerms:
 
 def _element_matrices(k: Contact, kernel: NodalKernel) -> Array:
     """Return the matrices of a contact's elements: (nodes, dofs, dofs)."""
-    values, d = k.pairing.values(), k.pairing.side.d
-    slopes, weight_slopes = k.pairing.derivatives()
+    k.pairing.update()
+    slopes, d = k.pairing.derivatives()[0], k.pairing.side.d
     by_field, by_c, *by_others = kernel.derivatives()
-    n, z = len(values), slopes.shape[2]
-    frame, weights = frames(values, d), k.pairing.weights()
-    traction = np.einsum("nk,nkd->nd", k.multipliers(), frame)
-    slope = np.einsum("nk,nkdz->ndz", k.multipliers(), frame_slopes(values, slopes, d))
+    levers, n, z = k.pairing.levers(), len(slopes), slopes.shape[2]
     sizes = [z, d, *(a.shape[2] for a in by_others)]
     matrix = np.zeros((n, sum(sizes), sum(sizes)))
-    for i in range(weights.shape[1]):
-        row, weight = slice(d * i, d * (i + 1)), weights[:, i, None, None]
-        matrix[:, row, :z] = -weight * slope
-        if weight_slopes is not None:
-            matrix[:, row, :z] -= traction[:, :, None] * weight_slopes[:, i, None, :]
-        matrix[:, row, z : z + d] = -weight * frame.transpose(0, 2, 1)
+    forces = levers.shape[2] * d
+    matrix[:, :forces, :z] = -k.pairing.turning().reshape(n, forces, z)
+    matrix[:, :forces, z : z + d] = -levers.reshape(n, d, forces).transpose(0, 2, 1)
     law = np.concatenate([by_field @ slopes, by_c, *by_others], axis=2)
     matrix[:, z : z + d] = law
     return np.asarray(matrix * k.nodal_area()[:, None, None])

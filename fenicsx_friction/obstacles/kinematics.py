@@ -3,13 +3,14 @@
 
 For every obstacle they are one field on the contact surface, one entry a node::
 
-    gap, way (d), normal (d)[, first tangent (3, only in 3D)], position (d)
+    gap, slip (d - 1), normal (d)[, first tangent (3, only in 3D)], position (d)
 
 The laws see nothing else of an obstacle.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import basix.ufl
@@ -46,18 +47,13 @@ class Kinematics:
     def of(cls, field: Expr, d: int) -> Kinematics:
         """Read the kinematics in ``d`` dimensions from the entries of the field."""
         part = [ufl.as_vector([field[i] for i in range(*where)]) for where in slices(d)[1:]]
-        way, normal, *first, position = part
-        if d == 2:
-            tangents: tuple[Expr, ...] = (ufl.as_vector([normal[1], -normal[0]]),)
-        else:
-            tangents = (first[0], ufl.cross(normal, first[0]))
-        slip = ufl.as_vector([ufl.dot(e, way) for e in tangents])
-        return cls(field[0], slip, normal, tangents, position)
+        slip, normal, *first, position = part
+        return cls(field[0], slip, normal, tangents_of(normal, first), position)
 
 
 def slices(d: int) -> list[tuple[int, int]]:
-    """Return where the field has gap, way, normal[, first tangent] and position."""
-    sizes = [1, d, d, d, d] if d == 3 else [1, d, d, d]
+    """Return where the field has gap, slip, normal[, first tangent] and position."""
+    sizes = [1, d - 1, d, d, d] if d == 3 else [1, d - 1, d, d]
     ends = np.cumsum(sizes)
     return [(int(end - size), int(end)) for size, end in zip(sizes, ends, strict=True)]
 
@@ -68,6 +64,27 @@ def kinematic_field(surface: ContactSurface) -> fem.Function:
     shape = (slices(d)[-1][1],)
     element = basix.ufl.element("Lagrange", surface.submesh.basix_cell(), 1, shape=shape)
     return fem.Function(fem.functionspace(surface.submesh, element), name="kinematics")
+
+
+def tangents_of(normal: Expr, first: Sequence[Expr]) -> tuple[Expr, ...]:
+    """Return the tangents of a frame, in 3D from the first of them."""
+    if len(normal) == 2:
+        return (ufl.as_vector([normal[1], -normal[0]]),)
+    return (first[0], ufl.cross(normal, first[0]))
+
+
+def entries(gap: Expr, way: Expr, normal: Expr, hint: Expr) -> list[Expr]:
+    """Return the entries of the field before the position.
+
+    Args:
+        gap: Signed gap (m).
+        way: Way of the step (m), from where the met point is now.
+        normal: Unit normal towards the body.
+        hint: Vector whose projection on the tangent plane is the first tangent (3D only).
+    """
+    first = [] if len(normal) == 2 else [first_tangent(normal, hint)]
+    slip = [ufl.dot(e, way) for e in tangents_of(normal, first)]
+    return [gap, *slip, *normal, *(x for e in first for x in e)]
 
 
 def first_tangent(normal: Expr, hint: Expr) -> Expr:

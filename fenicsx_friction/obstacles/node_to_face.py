@@ -147,7 +147,7 @@ class NodeToFace(Pairing):
         d, own = self.side.d, self._secondary.own
         normal = -self._secondary.node_normals(self._secondary.X)[own][alone]
         reach = self.policy.distance(self.faces)
-        parts = [np.full((len(normal), 1), reach), np.zeros_like(normal), normal]
+        parts = [np.full((len(normal), 1), reach), np.zeros((len(normal), d - 1)), normal]
         if d == 3:
             hint = self.side.nodal(self.side.hint)[alone]
             first = hint - np.sum(hint * normal, axis=1)[:, None] * normal

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..surfaces.faces import surface_normals
-from .kinematics import Array, Kinematics, frames, kinematic_field, slices
+from .kinematics import Array, Kinematics, frame_slopes, frames, kinematic_field, slices
 from .motion import RigidMotion
 from .side import Side
 
@@ -53,7 +53,7 @@ class Pairing(ABC):
     """What each owned node of a side meets: its kinematics, and the points its force acts on.
 
     The kinematics of a node depend on the displacements of a few points, its *stencil*: the node
-    itself comes first. The force on the node is shared by the first points of the stencil in
+    itself comes first. Its force acts on the first points of the stencil by ``levers``: in
     proportion to ``weights``, whose sum is zero where the other side is deformable too. A new kind
     of contact brings a stencil, the field and their derivatives; laws, solvers, certificate and
     outputs ask for nothing else.
@@ -94,6 +94,30 @@ class Pairing(ABC):
     def weights(self) -> Array:
         """Return the shares of the force, (nodes, points): one for the node, first."""
 
+    def levers(self) -> Array:
+        """Return the forces of unit multipliers over the area: (nodes, d, points, d); collective.
+
+        They are conjugate to gap and slip, at fixed frames: virtual work is that of the gap.
+        """
+        return np.asarray(self.weights()[:, None, :, None] * self.frames()[:, :, None])
+
+    def turning(self) -> Array:
+        """Return how the stencil turns the forces over the area: (nodes, points, d, z); collective.
+
+        The multipliers are those of now. ``z`` are the stencil's positions, flattened.
+        """
+        slopes, weight_slopes = self.derivatives()
+        d, c = self.side.d, self.side.nodal(self.side.c)
+        turned = np.einsum("nk,nkdz->ndz", c, frame_slopes(self.values(), slopes, d))
+        result = self.weights()[:, :, None, None] * turned[:, None]
+        if weight_slopes is not None:
+            result += self.traction()[:, None, :, None] * weight_slopes[:, :, None]
+        return np.asarray(result)
+
+    def area(self) -> Array:
+        """Return the areas of the owned nodes (m²; m per unit depth in 2D)."""
+        return self.side.surface.area.x.array[: self.side.surface.num_owned]
+
     @abstractmethod
     def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
         """Return the entries of a local array over the displacement's dofs at the stencils.
@@ -116,8 +140,8 @@ class Pairing(ABC):
         """Return the gaps (m); collective."""
         return self.values()[:, 0]
 
-    def ways(self) -> Array:
-        """Return the ways of the step (m), from where the met points are now; collective."""
+    def slips(self) -> Array:
+        """Return the slips of the step (m) in the frames; collective."""
         return self.values()[:, slice(*slices(self.side.d)[1])]
 
     def normals(self) -> Array:

@@ -5,10 +5,10 @@ One element is a cell of a mesh of points. Its dofs are the current positions of
 nodes of the face that it meets, and of the nodes of its old face: the face that it met at the last
 accepted step. The element returns, with their exact derivatives by all dofs::
 
-    gap, way (d), normal (d)[, first tangent (3, only in 3D)], shape functions of the projection
+    gap, slip (d - 1), normal (d)[, first tangent (3, only in 3D)], shape functions there
 
-``way`` leads from the material point that the node met at the last accepted step, where it is now,
-to the node. It vanishes under a common rigid motion and does not see the edges between faces.
+The slip leads from the material point that the node met at the last accepted step, where that is
+now, to the node. It vanishes under a common rigid motion and does not see the edges between faces.
 """
 
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ from ufl.core.expr import Expr
 
 from ..surfaces.face_cells import Array, FaceCell, newton_step, weighted
 from ..surfaces.nodal_kernel import Points
+from .kinematics import entries, slices
 
 
 @dataclass(frozen=True)
@@ -54,14 +55,14 @@ class PairKernel:
         vector = lambda size: self._points.function((size,))  # noqa: E731
         self._z = vector(gdim * (1 + 2 * cell.nodes))
         self._xi, self._old, self._hint = vector(cell.dim), vector(cell.nodes), vector(gdim)
-        self.size = 1 + gdim * gdim  # gap, way, normal and in 3D a tangent
+        self.size = slices(gdim)[-1][0]  # all but the position
         z = ufl.variable(self._z)
         values = self._element(z)
         self._values = self._points.expression(values, comm)
         self._derivatives = self._points.expression(ufl.diff(values, z), comm)
 
     def values(self, geometry: PairGeometry) -> Array:
-        """Return gap, way, normal[, tangent] and shape functions, one row a pair."""
+        """Return gap, slip, normal[, tangent] and shape functions, one row a pair."""
         self._set(geometry)
         return self._values()
 
@@ -87,11 +88,7 @@ class PairKernel:
         normal = normal / ufl.sqrt(ufl.dot(normal, normal))
         gap = ufl.dot(normal, x - weighted(shapes, face))
         way = x - weighted([self._old[i] for i in range(cell.nodes)], old_face)
-        frame = [*normal]
-        if d == 3:
-            first = self._hint - ufl.dot(self._hint, normal) * normal
-            frame += [*(first / ufl.sqrt(ufl.dot(first, first)))]
-        return ufl.as_vector([gap, *way, *frame, *shapes])
+        return ufl.as_vector([*entries(gap, way, normal, self._hint), *shapes])
 
     def _set(self, geometry: PairGeometry) -> None:
         """Fill the Functions."""

@@ -13,7 +13,7 @@ import numpy as np
 from ..base.collective import any_rank
 from .kinematics import Array
 from .motion import RigidMotion
-from .obstacle import Mask, Pairing
+from .obstacle import Mask
 from .side import Side
 
 #: Points on a way. An obstacle thinner than the way over this number may be missed.
@@ -42,33 +42,42 @@ def through_ball(start: Array, end: Array, radius: float) -> Mask:
     return np.asarray(nearest < np.sqrt(0.5) * radius)
 
 
-def through_anything(pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
-    """Tell which open nodes' ways pass through the obstacle, by its gap; collective.
+def through_anything(
+    side: Side,
+    look: Callable[[float], tuple[Array, Array]],
+    length: Array,
+    size: Array,
+    open_: Mask,
+) -> Mask:
+    """Tell which open points' ways pass through the obstacle, by its gap; collective.
 
     It tests ways longer than the gaps at both ends together (a shorter way meets nothing where gaps
     are distances), and ways whose normals at the ends oppose each other. It puts the displacement
     back.
+
+    Args:
+        side: The side.
+        look: Returns gaps (m) and normals on the ways, from 0 to 1, and changes the displacement.
+        length: Of the ways (m).
+        size: Of the facets round the points (m).
+        open_: Points to be tested.
     """
-    side = pairing.side
-    values = side.u.x.array.reshape(-1, side.d)
-    kept, end_u = values.copy(), values[side.parent_dofs]
-
-    def look(t: float) -> tuple[Array, Array]:
-        """Return gaps and normals on the way."""
-        values[side.parent_dofs] = end_u + (1.0 - t) * (start - end)
-        return pairing.gaps().copy(), pairing.normals().copy()
-
+    kept = side.u.x.array.copy()
     try:
-        return _sampled(look, np.linalg.norm(end - start, axis=1)[: len(open_)], open_, side)
+        return _sampled(side, look, length, size, open_)
     finally:
-        values[:] = kept
+        side.u.x.array[:] = kept
 
 
 def _sampled(
-    look: Callable[[float], tuple[Array, Array]], length: Array, open_: Mask, side: Side
+    side: Side,
+    look: Callable[[float], tuple[Array, Array]],
+    length: Array,
+    size: Array,
+    open_: Mask,
 ) -> Mask:
     """Follow the ways; collective."""
-    dive = -DIVE * side.facet_size()
+    dive = -DIVE * size
     (gap, before), (last_gap, last_normal) = look(0.0), look(1.0)
     turned = np.sum(before * last_normal, axis=1) < 0.0
     far = open_ & (turned | (length > gap + last_gap))

@@ -8,19 +8,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from ufl.core.expr import Expr
 
-from ..base.collective import any_rank
 from ..base.errors import ContactInputError
 from ..base.validators import instance, vector
-from ..surfaces.nodal_kernel import NodalKernel
-from .kinematics import Array, first_tangent
+from ..surfaces.elements import nodal_on_facets
+from .kinematics import Array, entries
 from .motion import RigidMotion
-from .obstacle import Mask, Obstacle, Pairing
-from .passage import through_anything, ways
+from .obstacle import Mask, Obstacle
+from .passage import through_anything
+from .rigid_pairing import RigidPairing
 from .side import Side
+from .weighted import WeightedPairing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,8 @@ class RigidObstacle(Obstacle):
 
     def meet(self, side: Side) -> RigidPairing:
         """Return the pairing of a side's nodes with the obstacle; collective."""
-        return RigidPairing(self, side)
+        weighted = not nodal_on_facets(side.u.function_space)
+        return (WeightedPairing if weighted else RigidPairing)(self, side)
 
     def gap(self, x: Expr) -> Expr:
         """Return the signed distance (m) of the current point ``x``, eq. (1) for any obstacle."""
@@ -77,14 +78,13 @@ class RigidObstacle(Obstacle):
             hint: Vector whose projection on the tangent plane is the first tangent (3D only).
         """
         gap, normal = self.gap_and_normal(X, u)
-        first = [] if len(X) == 2 else [*first_tangent(normal, hint)]
-        return ufl.as_vector([gap, *self.way(X, u, u_old), *normal, *first, *(X + u)])
+        return ufl.as_vector([*entries(gap, self.way(X, u, u_old), normal, hint), *(X + u)])
 
     def near(self, side: Side) -> RigidObstacle:
         """Return the same obstacle with a gap that loses no digits at a side's nodes."""
         return self
 
-    def rounding(self, pairing: Pairing) -> Array:
+    def rounding(self, pairing: RigidPairing) -> Array:
         """Return the lengths (m) whose rounding gaps contain, see ``Pairing.rounding``."""
         x, normals = pairing.positions(), abs(pairing.normals())
         lengths = np.sum(normals * abs(x), axis=1)
@@ -93,7 +93,7 @@ class RigidObstacle(Obstacle):
             lengths += np.linalg.norm(self.motion.turned_by()) * np.linalg.norm(x, axis=1)
         return np.asarray(lengths)
 
-    def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: RigidPairing, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which open nodes pass through the obstacle on their ways; collective.
 
         Args:
@@ -102,64 +102,13 @@ class RigidObstacle(Obstacle):
             end: Where they are (m).
             open_: Owned nodes to be tested.
         """
-        return through_anything(pairing, start, end, open_)
+        length = np.linalg.norm(end - start, axis=1)[: len(open_)]
+        look = pairing.look(start, end)
+        return through_anything(pairing.side, look, length, pairing.sizes(), open_)
 
     def undone(self, x: Array) -> Array:
         """Return the points of the unmoved obstacle that are at ``x`` now, in numbers."""
         return x if self.motion is None else self.motion.undone(x)
-
-
-class RigidPairing(Pairing):
-    """Nodes that meet a rigid obstacle: each stencil is the node alone.
-
-    Args:
-        obstacle: The obstacle.
-        side: The side.
-    """
-
-    def __init__(self, obstacle: RigidObstacle, side: Side) -> None:
-        super().__init__(side)
-        self.obstacle = obstacle
-        X = ufl.SpatialCoordinate(side.surface.mesh)
-        values = obstacle.near(side).kinematic_values(X, side.u, side.u_old, side.hint)
-        self._kernel = NodalKernel(side.surface, values, [side.u])
-        self._written = 0
-
-    def update(self) -> None:
-        """Follow the displacement, as far as it has changed; collective."""
-        version = self._kernel.version()
-        if not any_rank(self.side.surface.mesh.comm, version != self._written):
-            return
-        values = self._kernel.values()
-        self.field.x.array[: values.size] = values.ravel()
-        self.field.x.scatter_forward()
-        self._written = version
-
-    def derivatives(self) -> tuple[Array, None]:
-        """Return the derivatives of the field by the displacement of the node."""
-        return self._kernel.derivatives()[0], None
-
-    def weights(self) -> Array:
-        """Return one share for each node."""
-        return np.ones((self.side.surface.num_owned, 1))
-
-    def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
-        """Return the entries at the nodes."""
-        return self.side.owned(values)[:, None]
-
-    def rounding(self) -> Array:
-        """Return the lengths whose rounding gaps contain.
-
-        The rounding of slips needs no entry: it is that of the motion in a step. Where this motion
-        is large, either the node slides, and only the direction of the slip matters; or the node
-        moves with the obstacle, and its displacement counts anyway.
-        """
-        return self.obstacle.rounding(self)
-
-    def crossed(self, closed: Mask) -> Mask:
-        """Tell which open nodes have passed right through the obstacle; collective."""
-        start, end = ways(self.side, self.obstacle.motion)
-        return self.obstacle.passed(self, start, end, ~closed)
 
 
 def middle(side: Side) -> Array:

@@ -14,9 +14,10 @@ from ufl.core.expr import Expr
 
 from ..base.validators import flag, number, vector
 from .kinematics import Array
-from .obstacle import Mask, Pairing
+from .obstacle import Mask
 from .passage import through_ball
 from .rigid import RigidObstacle, check_dimension, middle, unit
+from .rigid_pairing import RigidPairing
 from .side import Side
 
 
@@ -54,7 +55,7 @@ class RigidSphere(RigidObstacle):
         pole = _Pole.at(side.surface.mesh, self.center, self.radius, direction, direction)
         return replace(self, pole=pole)
 
-    def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: RigidPairing, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which open nodes pass through the sphere; straight ways leave no socket."""
         if self.inside:
             return np.zeros_like(open_)
@@ -109,7 +110,7 @@ class RigidCylinder(RigidObstacle):
         pole = _Pole.at(side.surface.mesh, self.point, self.radius, direction.tolist(), axis)
         return replace(self, pole=pole)
 
-    def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: RigidPairing, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which open nodes pass through the cylinder; straight ways leave no bearing."""
         if self.inside:
             return np.zeros_like(open_)

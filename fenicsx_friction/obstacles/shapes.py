@@ -14,8 +14,9 @@ from ufl.core.expr import Expr
 from ..base.errors import ContactInputError
 from ..base.validators import call, kind, shown, vector
 from .kinematics import Array
-from .obstacle import Mask, Pairing
+from .obstacle import Mask
 from .rigid import RigidObstacle, check_dimension, middle, unit
+from .rigid_pairing import RigidPairing
 from .side import Side
 
 
@@ -96,8 +97,10 @@ class RigidPlane(RigidObstacle):
         gap = start + ufl.dot(turned, X - point) + ufl.dot(normal + turned, away)
         return gap, normal + turned
 
-    def rounding(self, pairing: Pairing) -> Array:
+    def rounding(self, pairing: RigidPairing) -> Array:
         """Return how far it has carried its point along the normal, and what it has turned."""
+        if not pairing.nodal:
+            return super().rounding(pairing)
         n = pairing.side.surface.num_owned
         if self.motion is None:
             return np.zeros(n)
@@ -109,7 +112,7 @@ class RigidPlane(RigidObstacle):
         along = np.sum(abs((normal + turned) * moved))
         return np.asarray(along + np.linalg.norm(turned) * np.linalg.norm(x - foot, axis=1))
 
-    def passed(self, pairing: Pairing, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: RigidPairing, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which nodes pass through: none, there is no far side."""
         return np.zeros_like(open_)
 

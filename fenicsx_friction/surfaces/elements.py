@@ -38,19 +38,13 @@ def check_mesh(msh: Any) -> mesh.Mesh:
         raise ContactInputError(
             f"The mesh has coordinates of type {msh.geometry.x.dtype}; make it with dtype=float64."
         )
-    if (degree := msh.geometry.cmaps[0].degree) != 1:
-        raise ContactInputError(
-            f"The mesh has a geometry of degree {degree}, contact acts at the vertices of "
-            "straight facets: make it with a coordinate element of degree 1."
-        )
     return msh
 
 
 def check_displacement(u: fem.Function) -> None:
-    """Raise a ContactInputError unless contact at the vertices is exact for the displacement.
+    """Raise a ContactInputError unless contact is exact for the displacement.
 
-    The scalar element must be continuous, with one dof at each vertex, the value there, and
-    no dof on edges and facets.
+    The scalar element must be continuous, with one dof at each vertex, the value there.
     """
     V = u.function_space
     gdim = check_mesh(V.mesh).geometry.dim
@@ -78,11 +72,9 @@ def _unfit(scalar: Any) -> str | None:
     """Return why contact at the vertices is not exact for a scalar element, or None."""
     if scalar.discontinuous or scalar.basix_sobolev_space != basix.SobolevSpace.H1:
         return "is not continuous"
-    at_vertices, *others, _ = scalar.entity_dofs
+    at_vertices = scalar.entity_dofs[0]
     if any(len(dofs) != 1 for dofs in at_vertices):
         return "has not exactly one dof at each vertex"
-    if any(dofs for entities in others for dofs in entities):
-        return "has dofs on edges or facets"
     values = scalar.tabulate(0, basix.geometry(scalar.cell_type))[0]
     expected = np.zeros_like(values)
     for vertex, (dof,) in enumerate(at_vertices):
@@ -90,3 +82,21 @@ def _unfit(scalar: Any) -> str | None:
     if not np.allclose(values, expected, atol=1e-10):
         return "has vertex dofs that are not the values there"
     return None
+
+
+def degree_on_facets(V: fem.FunctionSpace) -> int:
+    """Return the degree of a displacement's shape functions on facets."""
+    edges = V.ufl_element().sub_elements[0].entity_dofs[1]
+    on_edge = len(edges[0]) if V.mesh.topology.dim > 1 and any(_between(V)) else 0
+    return on_edge + 1
+
+
+def nodal_on_facets(V: fem.FunctionSpace) -> bool:
+    """Tell whether facets are straight and have dofs of the displacement at vertices only."""
+    return V.mesh.geometry.cmaps[0].degree == 1 and not any(_between(V))
+
+
+def _between(V: fem.FunctionSpace) -> list[int]:
+    """Return how many dofs the edges and facets of a cell have, without those inside the cell."""
+    scalar = V.ufl_element().sub_elements[0]
+    return [len(dofs) for entities in scalar.entity_dofs[1:-1] for dofs in entities]

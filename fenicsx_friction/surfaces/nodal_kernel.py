@@ -9,7 +9,7 @@ nodes, such as a gradient, counts with its mean over the facets round the node.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from mpi4py import MPI
 
@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
+from dolfinx.mesh import Mesh
 from ufl.algorithms import expand_derivatives, extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 from ufl.classes import (
@@ -32,9 +33,35 @@ from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from ..base.literals import lifted
 from ..base.replacing import Replacing
-from .surface import ContactSurface, has_vertex_dofs, is_nodal
 
 Array = npt.NDArray[np.floating]
+
+
+class Sites(Protocol):
+    """Points of a contact surface: its nodes, or those of a quadrature rule on its faces.
+
+    Attributes:
+        name: Name of the surface.
+        mesh, submesh: The mesh of the body, and that of the contact facets.
+    """
+
+    name: str
+    mesh: Mesh
+    submesh: Mesh
+
+    @property
+    def num_owned(self) -> int:
+        """Number of points of this rank."""
+
+    @property
+    def x(self) -> Array:
+        """Reference coordinates (m), one row a point."""
+
+    def reader(self, f: fem.Function) -> Callable[[], Array] | None:
+        """Return what reads a Function at the points, ``None`` if it must be evaluated."""
+
+    def evaluator(self, expression: Expr) -> Callable[[], Array]:
+        """Return what evaluates an expression at the points, one row a point; collective."""
 
 
 class Points:
@@ -72,16 +99,14 @@ class NodalKernel:
     """Evaluates an expression and its derivatives at the owned nodes of a surface.
 
     Args:
-        surface: The contact surface.
+        sites: The contact surface, for its nodes, or other points of it.
         values: UFL vector over the parent mesh and the submesh.
-        by: Functions to differentiate by: nodal ones of the surface, or with a dof at each vertex.
+        by: Functions to differentiate by: those that the sites can read.
     """
 
-    def __init__(
-        self, surface: ContactSurface, values: Expr, by: Sequence[fem.Function] = ()
-    ) -> None:
-        self._points, comm = Points(surface.num_owned), surface.mesh.comm
-        self._copies = copies = _Copies(surface, self._points)
+    def __init__(self, sites: Sites, values: Expr, by: Sequence[fem.Function] = ()) -> None:
+        self._points, comm = Points(sites.num_owned), sites.mesh.comm
+        self._copies = copies = _Copies(sites, self._points)
         at_points = copies(expand_derivatives(values))
         self._sizes = [(len(values), 1)]
         entries = _entries(at_points)
@@ -122,9 +147,9 @@ class NodalKernel:
 class _Copies(Replacing):
     """Copies terminals to the mesh of points; ``refresh`` copies their values."""
 
-    def __init__(self, surface: ContactSurface, points: Points) -> None:
+    def __init__(self, sites: Sites, points: Points) -> None:
         super().__init__()
-        self._surface, self._points, self._version = surface, points, 1
+        self._sites, self._points, self._version = sites, points, 1
         self._sources: list[tuple[Array, Callable[[], Array]]] = []
 
     def refresh(self) -> int:
@@ -143,9 +168,9 @@ class _Copies(Replacing):
             self._sources.append((copy.value.reshape(-1), lambda: o.value))
             return copy
         if isinstance(o, fem.Function):
-            return self._field(o, self._vertex_values(o))
+            return self._field(o, self._sites.reader(o))
         if isinstance(o, SpatialCoordinate):
-            return self._field(o, lambda: self._surface.x[:, : o.ufl_shape[0]])
+            return self._field(o, lambda: self._sites.x[:, : o.ufl_shape[0]])
         if isinstance(o, (GeometricQuantity, Derivative)):
             self._refuse_surface(o)
             return self._field(o, None)
@@ -153,9 +178,9 @@ class _Copies(Replacing):
 
     def _refuse_surface(self, o: Expr) -> None:
         """Refuse what lives on facets: FFCx would give other values, without a word."""
-        if self._surface.submesh.ufl_domain() in extract_domains(o):
+        if self._sites.submesh.ufl_domain() in extract_domains(o):
             raise ContactInputError(
-                f"Contact surface '{self._surface.name}': a law or a gap contains {o}, on the "
+                f"Contact surface '{self._sites.name}': a law or a gap contains {o}, on the "
                 "contact's submesh; normals and derivatives there are not known at its nodes. "
                 "Take those of a Function on the mesh of u, or a Function with their values."
             )
@@ -163,19 +188,9 @@ class _Copies(Replacing):
     def _field(self, o: Expr, values: Callable[[], Array] | None) -> Expr:
         """Return a Function of the points that holds a terminal's nodal values."""
         copy = self._points.function(o.ufl_shape)
-        source = values or self._surface.evaluator(ufl.as_vector(_entries(o)))
+        source = values or self._sites.evaluator(ufl.as_vector(_entries(o)))
         self._sources.append((copy.x.array, source))
         return copy
-
-    def _vertex_values(self, f: fem.Function) -> Callable[[], Array] | None:
-        """Return what reads the values of a Function at the nodes, or ``None``."""
-        V, surface = f.function_space, self._surface
-        if not (is_nodal(V) if V.mesh is surface.submesh else has_vertex_dofs(V)):
-            return None
-        if V.mesh is not surface.submesh and V.mesh is not surface.mesh:
-            return None
-        dofs, bs = surface.parent_dofs(V)[: surface.num_owned], V.dofmap.index_map_bs
-        return lambda: f.x.array.reshape(-1, bs)[dofs]
 
 
 def _entries(o: Expr) -> list[Expr]:

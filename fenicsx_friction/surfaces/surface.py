@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The contact surface: tagged facets, their submesh, multiplier space, nodes and nodal areas."""
 
-from mpi4py import MPI
+from collections.abc import Callable
 
 import basix
 import basix.ufl
@@ -11,11 +11,12 @@ import ufl
 from dolfinx import fem, la, mesh
 from ufl.core.expr import Expr
 
-from ..base.compat import exterior_facet_entities, same_topology
+from ..base.compat import exterior_facet_entities
 from ..base.compilation import compiled
 from ..base.errors import ContactInputError
-from ..base.validators import instance, integer, text
+from ..base.validators import text
 from .elements import check_mesh
+from .facets import checked_facets
 
 #: Collocation at the vertices: each contact equation involves one node only.
 VERTEX_RULE = {"quadrature_rule": "vertex", "quadrature_degree": 1}
@@ -51,7 +52,7 @@ class ContactSurface:
         self, msh: mesh.Mesh, facet_tags: mesh.MeshTags, tag: int, name: str = "contact"
     ) -> None:
         self.mesh, self.name = check_mesh(msh), text(name, "The name of a contact surface")
-        facets = _checked_facets(msh, facet_tags, tag, name)
+        facets = checked_facets(msh, facet_tags, tag, name)
         self.submesh, self.entity_map, self._vertex_map, _ = mesh.create_submesh(
             msh, msh.topology.dim - 1, facets
         )
@@ -104,6 +105,16 @@ class ContactSurface:
     def evaluator(self, expression: Expr) -> "NodalExpression":
         """Return an object that evaluates a UFL expression at the contact nodes."""
         return NodalExpression(self, expression)
+
+    def reader(self, f: fem.Function) -> Callable[[], npt.NDArray[np.floating]] | None:
+        """Return what reads a Function at the nodes, ``None`` without values there."""
+        V = f.function_space
+        if not (is_nodal(V) if V.mesh is self.submesh else has_vertex_dofs(V)):
+            return None
+        if V.mesh is not self.submesh and V.mesh is not self.mesh:
+            return None
+        dofs, bs = self.parent_dofs(V)[: self.num_owned], V.dofmap.index_map_bs
+        return lambda: f.x.array.reshape(-1, bs)[dofs]
 
     def _assemble(self, form: ufl.Form, space: fem.FunctionSpace) -> npt.NDArray[np.floating]:
         """Assemble a linear form on the submesh; return owned and ghost values."""
@@ -206,38 +217,3 @@ def _accumulate(vector: la.Vector, bs: int) -> npt.NDArray[np.floating]:
     vector.scatter_reverse(la.InsertMode.add)
     vector.scatter_forward()
     return vector.array.reshape(-1, bs).copy()
-
-
-def _checked_facets(
-    msh: mesh.Mesh, facet_tags: mesh.MeshTags, tag: int, name: str
-) -> npt.NDArray[np.int32]:
-    """Return the facets of ``tag`` after checks that agree on all ranks."""
-    comm, tdim = msh.comm, msh.topology.dim
-    cure = "dolfinx.mesh.MeshTags of the facets, see dolfinx.mesh.meshtags"
-    instance(facet_tags, mesh.MeshTags, f"Contact surface '{name}': facet_tags", cure)
-    tag = integer(tag, f"Contact surface '{name}': tag")
-    if not same_topology(facet_tags, msh):
-        raise ContactInputError(
-            f"Contact surface '{name}': the facet tags are those of another mesh; make them on "
-            "the mesh that you give."
-        )
-    if facet_tags.dim != tdim - 1:
-        raise ContactInputError(
-            f"Contact surface '{name}': the tags mark entities of dimension {facet_tags.dim}, "
-            f"the facets of this mesh have dimension {tdim - 1}."
-        )
-    facets = facet_tags.find(tag)
-    known = sorted(set().union(*comm.allgather(set(facet_tags.values.tolist()))))
-    if comm.allreduce(len(facets), op=MPI.SUM) == 0:
-        raise ContactInputError(
-            f"Contact surface '{name}': tag {tag} marks no facet; tags present: {known}."
-        )
-    msh.topology.create_connectivity(tdim - 1, tdim)
-    owned = facets[facets < msh.topology.index_map(tdim - 1).size_local]
-    interior = np.setdiff1d(owned, mesh.exterior_facet_indices(msh.topology))
-    if (count := comm.allreduce(len(interior), op=MPI.SUM)) > 0:
-        raise ContactInputError(
-            f"Contact surface '{name}': {count} facets of tag {tag} lie inside the mesh; "
-            "contact facets must be boundary facets."
-        )
-    return facets

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: MIT
+"""Nodes that meet a rigid obstacle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from ufl.core.expr import Expr
+
+from ..base.collective import any_rank
+from ..surfaces.nodal_kernel import NodalKernel, Sites
+from .kinematics import Array
+from .motion import RigidMotion
+from .obstacle import Mask, Pairing
+from .passage import ways
+from .side import Side
+
+
+class Rigid(Protocol):
+    """What a pairing asks of a rigid obstacle, see :mod:`~fenicsx_friction.obstacles.rigid`."""
+
+    @property
+    def motion(self) -> RigidMotion | None:
+        """Moves the obstacle."""
+
+    def near(self, side: Side) -> Rigid:
+        """Return the same obstacle with a gap that loses no digits at a side's nodes."""
+
+    def kinematic_values(self, X: Expr, u: Expr, u_old: Expr, hint: Expr) -> Expr:
+        """Return the entries of the kinematic field."""
+
+    def rounding(self, pairing: Any) -> Array:
+        """Return the lengths (m) whose rounding gaps contain."""
+
+    def passed(self, pairing: Any, start: Array, end: Array, open_: Mask) -> Mask:
+        """Tell which open points pass through the obstacle."""
+
+
+class RigidPairing(Pairing):
+    """Nodes that meet a rigid obstacle: each stencil is the node alone.
+
+    Args:
+        obstacle: The obstacle.
+        side: The side.
+
+    Attributes:
+        obstacle: As given.
+        nodal: Whether the obstacle is met at the nodes, not at other points.
+    """
+
+    nodal = True
+
+    def __init__(self, obstacle: Rigid, side: Side) -> None:
+        super().__init__(side)
+        self.obstacle = obstacle
+        X = ufl.SpatialCoordinate(side.surface.mesh)
+        near = obstacle.near(side) if self.nodal else obstacle
+        values = near.kinematic_values(X, side.u, side.u_old, side.hint)
+        self._kernel = NodalKernel(self._sites(), values, [side.u])
+        self._written = 0
+
+    def _sites(self) -> Sites:
+        """Return the points where the obstacle is met: the nodes."""
+        return self.side.surface
+
+    def update(self) -> None:
+        """Follow the displacement, as far as it has changed; collective."""
+        version = self._kernel.version()
+        if not any_rank(self.side.surface.mesh.comm, version != self._written):
+            return
+        values = self._kernel.values()
+        self.field.x.array[: values.size] = values.ravel()
+        self.field.x.scatter_forward()
+        self._written = version
+
+    def derivatives(self) -> tuple[Array, None]:
+        """Return the derivatives of the field by the displacement of the node."""
+        return self._kernel.derivatives()[0], None
+
+    def weights(self) -> Array:
+        """Return one share for each node."""
+        return np.ones((self.side.surface.num_owned, 1))
+
+    def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
+        """Return the entries at the nodes."""
+        return self.side.owned(values)[:, None]
+
+    def rounding(self) -> Array:
+        """Return the lengths whose rounding gaps contain.
+
+        The rounding of slips needs no entry: it is that of the motion in a step. Where this motion
+        is large, either the node slides, and only the direction of the slip matters; or the node
+        moves with the obstacle, and its displacement counts anyway.
+        """
+        return self.obstacle.rounding(self)
+
+    def crossed(self, closed: Mask) -> Mask:
+        """Tell which open nodes have passed right through the obstacle; collective."""
+        start, end = ways(self.side, self.obstacle.motion)
+        return self.obstacle.passed(self, start, end, ~closed)
+
+    def sizes(self) -> Array:
+        """Return the sizes (m) of the facets where the obstacle is met, one a point."""
+        return self.side.facet_size()
+
+    def look(self, start: Array, end: Array) -> Callable[[float], tuple[Array, Array]]:
+        """Return what finds gaps and normals on ways, changing the displacement; collective.
+
+        Args:
+            start: Where the local nodes start, at 0.
+            end: Where they are now, at 1.
+        """
+        values = self.side.u.x.array.reshape(-1, self.side.d)
+        nodes, end_u = self.side.parent_dofs, values[self.side.parent_dofs]
+
+        def at(t: float) -> tuple[Array, Array]:
+            """Go to a point of the ways."""
+            values[nodes] = end_u + (1.0 - t) * (start - end)
+            return self.gaps().copy(), self.normals().copy()
+
+        return at

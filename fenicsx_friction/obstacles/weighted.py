@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""Weighted contact with a rigid obstacle, for displacements with dofs on edges and faces.
+
+Such displacements have no consistent force at a vertex: on a triangle with quadratic shape
+functions it is zero. Gap and slip of a node are therefore averages over its faces, with the hat of
+its vertex as weight, and its force acts where these averages come from: its virtual work is area
+times multiplier times virtual gap. One law a node remains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..base.collective import any_rank
+from ..surfaces.elements import degree_on_facets
+from ..surfaces.face_points import FacePoints
+from ..surfaces.nodal_kernel import Sites
+from .kinematics import Array, frame_slopes, frames, slices
+from .obstacle import Mask
+from .rigid_pairing import Rigid, RigidPairing
+from .side import Side
+
+#: Weights of dofs below this count as none.
+WEIGHTLESS = 1e-12
+
+
+class WeightedPairing(RigidPairing):
+    """Nodes that meet a rigid obstacle on average over their faces.
+
+    A stencil are the displacement's dofs of the faces round the node.
+
+    Args:
+        obstacle: The obstacle.
+        side: The side.
+
+    Attributes:
+        points: The points of the averages.
+    """
+
+    nodal = False
+
+    def __init__(self, obstacle: Rigid, side: Side) -> None:
+        V = side.u.function_space
+        self.points = FacePoints(side.surface, V, 2 * max(degree_on_facets(V), 1))
+        super().__init__(obstacle, side)
+
+    def _sites(self) -> Sites:
+        """Return the points of the averages."""
+        return self.points
+
+    # -- kinematics ------------------------------------------------------------------------------
+
+    def update(self) -> None:
+        """Follow the displacement, as far as it has changed; collective."""
+        version = self._kernel.version()
+        if not any_rank(self.side.surface.mesh.comm, version != self._written):
+            return
+        values = self.points.average(self._kernel.values())
+        self.field.x.array[: values.size] = values.ravel()
+        self.field.x.scatter_forward()
+        self._written = version
+
+    def derivatives(self) -> tuple[Array, None]:
+        """Return the derivatives of the field by the displacements of the stencil."""
+        at_points = self._kernel.derivatives()[0]
+        number, entries, d = at_points.shape
+        n, m = self.points.stencil.shape
+        slopes = self.points.spread(at_points.reshape(number, entries * d)).reshape(n, m, entries, d)
+        return slopes.transpose(0, 2, 1, 3).reshape(n, entries, m * d), None
+
+    def weights(self) -> Array:
+        """Return the shares of the force at a plane."""
+        return np.asarray(self.points.spread(np.ones((self.points.num_owned, 1)))[:, :, 0])
+
+    def levers(self) -> Array:
+        """Return the forces of unit multipliers over the area."""
+        d = self.side.d
+        at_points = frames(self._kernel.values(), d).reshape(-1, d * d)
+        levers = self.points.spread(at_points)
+        n, m, _ = levers.shape
+        return levers.reshape(n, m, d, d).transpose(0, 2, 1, 3)
+
+    def turning(self) -> Array:
+        """Return how the stencil turns the forces over the area: not at all at a plane."""
+        values, slopes = self._kernel.values(), self._kernel.derivatives()[0]
+        d, (n, m) = self.side.d, self.points.stencil.shape
+        c = self.side.nodal(self.side.c)[self.points.node_of_point]
+        turned = np.einsum("nk,nkdz->ndz", c, frame_slopes(values, slopes, d))
+        if not np.any(turned):
+            return np.zeros((n, m, d, m * d))
+        spread = self.points.spread_twice(turned.reshape(-1, d * d)).reshape(n, m, m, d, d)
+        return spread.transpose(0, 1, 3, 2, 4).reshape(n, m, d, m * d)
+
+    def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
+        """Return the entries at the stencils."""
+        return np.asarray(self.points.gather(values, missing))
+
+    def area(self) -> Array:
+        """Return the integrals of the nodes' hats."""
+        return np.asarray(self.points.area)
+
+    def traction(self) -> Array:
+        """Return the tractions in global axes: forces over areas."""
+        self.update()
+        c = self.side.nodal(self.side.c)
+        return np.asarray(np.einsum("nk,nkpd->nd", c, self.levers()))
+
+    # -- what else is asked of an obstacle -------------------------------------------------------
+
+    def penetration(self) -> float:
+        """Return the largest penetration of a point (m), on this rank."""
+        return float(np.max(-self._kernel.values()[:, 0], initial=0.0))
+
+    def partners(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+        """Return this rank's (blocked) dofs on the surface."""
+        return self.points.owned_dofs
+
+    def crossed(self, closed: Mask) -> Mask:
+        """Tell which open nodes have points that passed right through the obstacle; collective."""
+        V, points = self.side.u.function_space, self.points
+        X, owned = V.tabulate_dof_coordinates()[:, : self.side.d], points.owned_dofs
+        old, new = (X + f.x.array.reshape(X.shape) for f in (self.side.u_old, self.side.u))
+        motion = self.obstacle.motion
+        old[owned] = old[owned] if motion is None else motion.carried(old[owned])
+        self._step = old[owned] - new[owned]
+        start, end = (points.interpolate(points.gather_all(x)) for x in (old, new))
+        passed = self.obstacle.passed(self, start, end, ~closed[points.node_of_point])
+        result = np.zeros(len(closed), dtype=bool)
+        result[points.node_of_point[passed]] = True
+        return result
+
+    def sizes(self) -> Array:
+        """Return the sizes (m) of the facets where the obstacle is met, one a point."""
+        return self.side.facet_size()[self.points.node_of_point]
+
+    def look(self, start: Array, end: Array) -> Callable[[float], tuple[Array, Array]]:
+        """Return what finds gaps and normals on the ways of the points."""
+        values, owned = self.side.u.x.array.reshape(-1, self.side.d), self.points.owned_dofs
+        end_u, where = values[owned], slice(*slices(self.side.d)[2])
+
+        def at(t: float) -> tuple[Array, Array]:
+            """Go to a point of the ways."""
+            values[owned] = end_u + (1.0 - t) * self._step
+            found = self._kernel.values()
+            return found[:, 0], found[:, where]
+
+        return at
+
+    def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
+        """Return the directions in which all dofs that the average depends on are prescribed."""
+        held = self.gather(fixed.x.array, missing=1.0) > 0.5
+        ignored = abs(self.weights()) < WEIGHTLESS
+        return np.asarray(np.all(held | ignored[:, :, None], axis=1))

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: MIT
+"""Quadrature points on the faces round each contact node, with the weights of the node's average.
+
+A node's test function is the hat of its vertex. The average of a quantity over its faces is the sum
+over their points, with weights that add up to one. Every rank knows the faces round its own nodes,
+whichever rank has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from dolfinx import fem
+from ufl.core.expr import Expr
+
+from ..base.collective import gather_rows
+from ..base.compilation import compiled
+from .face_tables import FaceTables
+from .surface import ContactSurface, is_nodal
+
+Array = npt.NDArray[np.floating]
+Indices = npt.NDArray[np.int64]
+
+
+class FacePoints:
+    """The points on the faces round the owned nodes of a surface; collective.
+
+    A *corner* is a face at one of its vertices. Each corner has the points of its face; so a point
+    counts once for each vertex of its face.
+
+    Args:
+        surface: The contact surface.
+        V: Space of the displacement, continuous Lagrange of any degree.
+        degree: Of the quadrature rule.
+
+    Attributes:
+        name, mesh, submesh: Those of the surface.
+        x: Reference coordinates of the points (m).
+        node: The owned node of each corner.
+        share: Weight of each point in the average of its corner's node: (corners, points).
+        area: What the weights were divided by: the integral of each node's hat (m²; m in 2D).
+        shapes: Shape functions of the displacement at the points: (corners, points, dofs).
+        stencil: The displacement's dofs round each node, by their place in the order of
+            :meth:`gather`, its own first, -1 for none: (nodes, dofs).
+        place: Where the dofs of each corner's face are in the stencil: (corners, dofs).
+    """
+
+    def __init__(self, surface: ContactSurface, V: fem.FunctionSpace, degree: int) -> None:
+        self.name, self.mesh, self.submesh = surface.name, surface.mesh, surface.submesh
+        self._surface, self._V, self._comm = surface, V, surface.mesh.comm
+        self._tables = tables = FaceTables(surface, V, degree)
+        faces = tables.gathered()
+        first, last = surface.S.dofmap.index_map.local_range
+        self._face, corner = np.nonzero((faces.nodes >= first) & (faces.nodes < last))
+        order = np.lexsort((self._face, faces.nodes[self._face, corner]))
+        self._face, corner = self._face[order], corner[order]
+        self.node = faces.nodes[self._face, corner] - first
+        kind = faces.kind[self._face]
+        self.shapes = tables.shapes[kind]
+        weights = tables.hats[kind, :, corner] * faces.weights[self._face]
+        self.area = np.bincount(self.node, weights.sum(axis=1), minlength=surface.num_owned)
+        self.share = weights / self.area[self.node][:, None]
+        d = self.mesh.geometry.dim
+        self.x = faces.x[self._face].reshape(-1, d)
+        self._number_dofs(faces.dofs)
+
+    def _number_dofs(self, dofs: Indices) -> None:
+        """Number the displacement's dofs of the surface, and those round each node."""
+        index_map = self._V.dofmap.index_map
+        self._dofs = np.unique(dofs)  # of all ranks, in the order of their owners
+        start, end = index_map.local_range
+        self._owned = self._dofs[(self._dofs >= start) & (self._dofs < end)] - start
+        self._counts = np.array(self._comm.allgather(len(self._owned)))
+        self._corner_dofs = np.searchsorted(self._dofs, dofs[self._face])
+        n, (corners, k) = self._surface.num_owned, self._corner_dofs.shape
+        own = index_map.local_to_global(self._surface.parent_dofs(self._V)[:n].astype(np.int32))
+        own = np.searchsorted(self._dofs, own)
+        node = np.repeat(self.node, k)
+        # The node's own dof first, then the others by their number.
+        later = (self._corner_dofs != own[self.node][:, None]).ravel()
+        keys = np.column_stack([node, later, self._corner_dofs.ravel()])
+        unique, inverse = np.unique(keys, axis=0, return_inverse=True)
+        starts = np.searchsorted(unique[:, 0], np.arange(n))
+        place = np.arange(len(unique)) - starts[unique[:, 0]]
+        self.stencil = np.full((n, int(place.max(initial=-1)) + 1), -1)
+        self.stencil[unique[:, 0], place] = unique[:, 2]
+        self.place = place[inverse.ravel()].reshape(corners, k)
+
+    # -- as sites --------------------------------------------------------------------------------
+
+    @property
+    def num_owned(self) -> int:
+        """Number of points of this rank."""
+        return len(self.x)
+
+    @property
+    def owned_dofs(self) -> npt.NDArray[np.int32]:
+        """The displacement's (blocked) dofs on the surface that this rank owns."""
+        return self._owned.astype(np.int32)
+
+    @property
+    def node_of_point(self) -> Indices:
+        """The owned node of each point."""
+        return np.repeat(self.node, self.share.shape[1])
+
+    def reader(self, f: fem.Function) -> Callable[[], Array] | None:
+        """Return what reads a displacement at the points, or a node's vector at all of its own."""
+        V = f.function_space
+        if V is self._V or V == self._V:
+            return lambda: self.interpolate(self.gather_all(f.x.array))
+        if V.mesh is self.submesh and is_nodal(V):
+            n, bs, nodes = self._surface.num_owned, V.dofmap.index_map_bs, self.node_of_point
+            return lambda: f.x.array.reshape(-1, bs)[:n][nodes]
+        return None
+
+    def evaluator(self, expression: Expr) -> Callable[[], Array]:
+        """Return what evaluates an expression over the body's mesh at the points; collective."""
+        made = compiled(fem.Expression, self._comm)(expression, self._tables.on_facet)
+        tables, comm, face = self._tables, self._comm, self._face
+
+        def evaluate() -> Array:
+            """Evaluate on this rank's faces, and take those round the nodes."""
+            values = np.asarray(made.eval(self.mesh, tables.entities))
+            size = int(np.prod(expression.ufl_shape, dtype=int))
+            rows = values.reshape(len(tables.entities), len(tables.on_facet), size)
+            counts = np.array(comm.allgather(len(rows)))
+            return gather_rows(comm, rows, counts)[face].reshape(len(self.x), size)
+
+        return evaluate
+
+    # -- averages --------------------------------------------------------------------------------
+
+    def gather_all(self, values: npt.NDArray) -> npt.NDArray:
+        """Return the entries of an array over the displacement's dofs at the whole surface."""
+        rows = values.reshape(-1, self._V.dofmap.index_map_bs)[self._owned]
+        return gather_rows(self._comm, rows, self._counts)
+
+    def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
+        """Return the entries at the stencils: (nodes, dofs, d); collective."""
+        around = self.gather_all(values)[self.stencil]
+        around[self.stencil < 0] = missing
+        return around
+
+    def interpolate(self, rows: Array) -> Array:
+        """Return the values at the points of what :meth:`gather_all` has returned."""
+        values = np.einsum("cqa,cad->cqd", self.shapes, rows[self._corner_dofs])
+        return np.asarray(values.reshape(len(self.x), rows.shape[1]))
+
+    def average(self, values: Array) -> Array:
+        """Return the averages of the nodes, from one row a point."""
+        rows = values.reshape(*self.share.shape, values.shape[1])
+        return np.asarray(self._sum @ np.einsum("cq,cqv->cv", self.share, rows))
+
+    def spread(self, values: Array) -> Array:
+        """Return the averages of values times the shape functions: (nodes, dofs, values)."""
+        rows = values.reshape(*self.share.shape, values.shape[1])
+        corners = np.einsum("cq,cqv,cqa->cav", self.share, rows, self.shapes)
+        n, m = self.stencil.shape
+        found = self._scatter @ corners.reshape(-1, corners.shape[2])
+        return np.asarray(found.reshape(n, m, values.shape[1]))
+
+    def spread_twice(self, values: Array) -> Array:
+        """Return the averages times two shape functions each: (nodes, dofs, dofs, values)."""
+        rows, (n, m) = values.reshape(*self.share.shape, values.shape[1]), self.stencil.shape
+        result = np.zeros((n, m, m, rows.shape[2]))
+        for a in range(self.place.shape[1]):
+            first = self.share * self.shapes[:, :, a]
+            for b in range(self.place.shape[1]):
+                corner = np.einsum("cq,cqv->cv", first * self.shapes[:, :, b], rows)
+                np.add.at(result, (self.node, self.place[:, a], self.place[:, b]), corner)
+        return result
+
+    @cached_property
+    def _sum(self) -> scipy.sparse.csr_array:
+        """Adds corners to nodes."""
+        corners = len(self.node)
+        entries = (np.ones(corners), (self.node, np.arange(corners)))
+        return scipy.sparse.csr_array(entries, shape=(len(self.stencil), corners))
+
+    @cached_property
+    def _scatter(self) -> scipy.sparse.csr_array:
+        """Adds the dofs of corners to those of stencils."""
+        n, m = self.stencil.shape
+        rows = (self.node[:, None] * m + self.place).ravel()
+        entries = (np.ones(len(rows)), (rows, np.arange(len(rows))))
+        return scipy.sparse.csr_array(entries, shape=(n * m, len(rows)))

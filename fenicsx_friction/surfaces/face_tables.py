@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: MIT
+"""Quadrature points, shape functions and weights on the faces of a contact surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from .surface import ContactSurface
+
+Array = npt.NDArray[np.floating]
+Indices = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Faces of all ranks, one row a face.
+
+    Attributes:
+        nodes: Global contact nodes at its vertices.
+        dofs: Global (blocked) dofs of the displacement on it.
+        kind: Its local number in its cell.
+        weights: Of its points, with the element of area (m²; m in 2D).
+        x: Reference coordinates of its points (m).
+    """
+
+    nodes: Indices
+    dofs: Indices
+    kind: Indices
+    weights: Array
+    x: Array
+
+
+class FaceTables:
+    """Tables for each facet of a cell, and the faces of this rank.
+
+    Args:
+        surface: The contact surface.
+        V: Space of the displacement.
+        degree: Of the quadrature rule.
+
+    Attributes:
+        entities: (cell, local facet) of this rank's faces.
+        on_facet: The points in the facet's coordinates.
+        shapes: The displacement's shape functions: (facets, points, dofs on the facet).
+        hats: The shape functions of the vertices: (facets, points, vertices of the facet).
+    """
+
+    def __init__(self, surface: ContactSurface, V: fem.FunctionSpace, degree: int) -> None:
+        self._surface, self._V, msh = surface, V, surface.mesh
+        cell, tdim = msh.basix_cell(), msh.topology.dim
+        self.entities = surface.entities.reshape(-1, 2)
+        rule = basix.make_quadrature(surface.submesh.basix_cell(), degree)
+        self.on_facet, self._w = (np.asarray(part) for part in rule)
+        corners, self._vertices = np.asarray(basix.geometry(cell)), basix.topology(cell)[tdim - 1]
+        self._at_vertex = np.array(
+            [V.dofmap.dof_layout.entity_dofs(0, i)[0] for i in range(len(corners))]
+        )
+        layout, scalar = V.dofmap.dof_layout, V.ufl_element().sub_elements[0]
+        self._closure = [
+            np.array(layout.entity_closure_dofs(tdim - 1, i)) for i in range(len(self._vertices))
+        ]
+        linear = basix.ufl.element("Lagrange", cell, 1)
+        shapes, hats = [], []
+        self._points, self._axes = [], []
+        for vertices, dofs in zip(self._vertices, self._closure, strict=True):
+            origin, *others = corners[vertices]
+            axes = np.array(others[: tdim - 1]) - origin
+            points = origin + self.on_facet @ axes
+            self._points.append(points)
+            self._axes.append(axes)
+            shapes.append(np.asarray(scalar.tabulate(0, points))[0][:, dofs])
+            hats.append(np.asarray(linear.tabulate(0, points))[0][:, vertices])
+        self.shapes, self.hats = np.array(shapes), np.array(hats)
+
+    def gathered(self) -> Faces:
+        """Return the faces of all ranks; collective."""
+        cells, kind = self.entities[:, 0], self.entities[:, 1].astype(np.int64)
+        x, weights = self._geometry(cells, kind)
+        own = (self._nodes(cells, kind), self._dofs(cells, kind), kind, weights, x)
+        parts = self._surface.mesh.comm.allgather(own)
+        return Faces(*(np.concatenate(group) for group in zip(*parts, strict=True)))
+
+    def _dofs(self, cells: npt.NDArray, kind: Indices) -> Indices:
+        """Return the global (blocked) dofs on the faces."""
+        dofmap, closure = self._V.dofmap, np.array(self._closure)
+        local = dofmap.list[cells[:, None], closure[kind]]
+        numbers = dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
+        return np.asarray(numbers.reshape(local.shape))
+
+    def _nodes(self, cells: npt.NDArray, kind: Indices) -> Indices:
+        """Return the global contact nodes at the vertices of the faces."""
+        S, V = self._surface.S, self._V
+        local = V.dofmap.list[cells[:, None], self._at_vertex[np.array(self._vertices)[kind]]]
+        index_map = V.dofmap.index_map
+        node = np.full(index_map.size_local + index_map.num_ghosts, -1, dtype=np.int32)
+        parents = self._surface.parent_dofs(V)
+        node[parents] = np.arange(len(parents))
+        numbers = S.dofmap.index_map.local_to_global(node[local].ravel())
+        return np.asarray(numbers.reshape(local.shape))
+
+    def _geometry(self, cells: npt.NDArray, kind: Indices) -> tuple[Array, Array]:
+        """Return places and weights of the points."""
+        geometry = self._surface.mesh.geometry
+        d, tdim = geometry.dim, self._surface.mesh.topology.dim
+        domain = self._surface.mesh.ufl_domain()
+        assert domain is not None
+        element = domain.ufl_coordinate_element().sub_elements[0]
+        tables = np.array([element.tabulate(1, points) for points in self._points])
+        nodes = geometry.x[geometry.dofmaps[0][cells]][:, :, :d]
+        x = np.einsum("fqk,fkd->fqd", tables[kind, 0], nodes)
+        J = np.einsum("ftqk,fkd->fqdt", tables[kind, 1 : 1 + tdim], nodes)
+        tangents = np.einsum("fqdt,fat->fqad", J, np.array(self._axes)[kind])
+        if d == 2:
+            size = np.linalg.norm(tangents[:, :, 0], axis=2)
+        else:
+            size = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2)
+        return x, size * self._w
