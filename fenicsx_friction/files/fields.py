@@ -87,7 +87,7 @@ class ContactFields:
             raise ContactInputError("There is no accepted step yet: call problem.solve() first.")
         nodal, contact = self._problem.accepted[self._index], self._contact
         normals, traction = contact.pairing.normals(), contact.nodal_traction()
-        pressure = np.einsum("ij,ij->i", traction, normals)
+        pressure = nodal.c[:, 0]
         _set(self.gap, nodal.gap)
         _set(self.pressure, pressure)
         _set(self.path, contact.path.x.array[: len(pressure)])

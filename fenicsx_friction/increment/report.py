@@ -21,6 +21,8 @@ class ContactReport:
         force: Contact force on the body in global axes (N, per unit depth in 2D).
         moment: Moment of the contact force about the origin (N m), about ``z`` alone in 2D.
         dissipation: Frictional work of the step (J), each node's at least zero.
+        penetration: Largest penetration of a point (m): of the nodes; for displacements with dofs
+            on edges or faces, whose nodes meet the obstacle on average, of the quadrature points.
     """
 
     name: str
@@ -30,6 +32,7 @@ class ContactReport:
     force: tuple[float, ...]
     moment: tuple[float, ...]
     dissipation: float
+    penetration: float
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@
 from dataclasses import dataclass, field
 
 from ..base.errors import ContactInputError
+from ..surfaces.elements import nodal_on_facets
 from ..surfaces.surface import ContactSurface
 from .node_to_face import NodeToFace
 from .obstacle import Obstacle
@@ -40,5 +41,15 @@ class DeformableObstacle(Obstacle):
             )
 
     def meet(self, side: Side) -> NodeToFace:
-        """Return the pairing of a side's nodes with the faces; collective."""
+        """Return the pairing of a side's nodes with the faces; collective.
+
+        Raises:
+            ContactInputError: If the displacement has dofs on edges or faces.
+        """
+        if not nodal_on_facets(side.u.function_space):
+            raise ContactInputError(
+                f"The displacement, of {side.u.function_space.ufl_element()}, has dofs on edges or "
+                "facets; contact between deformable bodies is node to face and needs P1, Q1 or "
+                "MINI. Against rigid obstacles any degree works."
+            )
         return NodeToFace(self.primary, self.search or SearchPolicy(), side)

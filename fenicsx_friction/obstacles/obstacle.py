@@ -114,6 +114,14 @@ class Pairing(ABC):
             result += self.traction()[:, None, :, None] * weight_slopes[:, :, None]
         return np.asarray(result)
 
+    def arms(self) -> Array:
+        """Return where the forces on the body act (m): (nodes, points, d); collective."""
+        return self.positions()[:, None]
+
+    def penetration(self) -> float:
+        """Return the largest penetration of a point (m), on this rank; collective."""
+        return float(np.max(-self.gaps(), initial=0.0))
+
     def area(self) -> Array:
         """Return the areas of the owned nodes (m²; m per unit depth in 2D)."""
         return self.side.surface.area.x.array[: self.side.surface.num_owned]

@@ -45,7 +45,7 @@ class WeightedPairing(RigidPairing):
 
     def __init__(self, obstacle: Rigid, side: Side) -> None:
         V = side.u.function_space
-        self.points = FacePoints(side.surface, V, 2 * max(degree_on_facets(V), 1))
+        self.points = FacePoints(side.surface, V, 2 * degree_on_facets(V))
         super().__init__(obstacle, side)
 
     def _sites(self) -> Sites:
@@ -69,7 +69,9 @@ class WeightedPairing(RigidPairing):
         at_points = self._kernel.derivatives()[0]
         number, entries, d = at_points.shape
         n, m = self.points.stencil.shape
-        slopes = self.points.spread(at_points.reshape(number, entries * d)).reshape(n, m, entries, d)
+        slopes = self.points.spread(at_points.reshape(number, entries * d)).reshape(
+            n, m, entries, d
+        )
         return slopes.transpose(0, 2, 1, 3).reshape(n, entries, m * d), None
 
     def weights(self) -> Array:
@@ -108,6 +110,26 @@ class WeightedPairing(RigidPairing):
         self.update()
         c = self.side.nodal(self.side.c)
         return np.asarray(np.einsum("nk,nkpd->nd", c, self.levers()))
+
+    def normals(self) -> Array:
+        """Return the unit normals along the averages."""
+        return self.frames()[:, 0]
+
+    def frames(self) -> Array:
+        """Return frames along the averages, made orthonormal."""
+        values, (normal, *first) = self.values().copy(), slices(self.side.d)[2:-1]
+        n = values[:, slice(*normal)]
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        for where in first:
+            e = values[:, slice(*where)]
+            e -= np.sum(e * n, axis=1, keepdims=True) * n
+            e /= np.linalg.norm(e, axis=1, keepdims=True)
+        return frames(values, self.side.d)
+
+    def arms(self) -> Array:
+        """Return where the forces act: the current positions of the stencil (m)."""
+        V, d = self.side.u.function_space, self.side.d
+        return self.gather(V.tabulate_dof_coordinates()[:, :d].ravel() + self.side.u.x.array)
 
     # -- what else is asked of an obstacle -------------------------------------------------------
 

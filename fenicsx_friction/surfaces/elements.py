@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Which meshes and displacement elements contact at the vertices is exact for."""
+"""Which meshes and displacement elements contact is exact for, and how it acts on them."""
 
 from typing import Any
 
@@ -13,9 +13,9 @@ from ..base.validators import instance
 #: Cells whose facets are of one kind, with a nodal contact element.
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 WORKS = (
-    "Contact acts at the vertices; what works is P1, Q1 and MINI (P1 with a bubble): "
-    'fem.functionspace(mesh, ("Lagrange", 1, (gdim,))), or a basix.ufl.blocked_element of the '
-    "scalar element."
+    "What works are vectors of continuous Lagrange elements of any degree, and MINI (P1 with a "
+    'bubble): fem.functionspace(mesh, ("Lagrange", k, (gdim,))), or a basix.ufl.blocked_element '
+    "of the scalar element."
 )
 
 
@@ -37,6 +37,11 @@ def check_mesh(msh: Any) -> mesh.Mesh:
     if msh.geometry.x.dtype != np.float64:
         raise ContactInputError(
             f"The mesh has coordinates of type {msh.geometry.x.dtype}; make it with dtype=float64."
+        )
+    if (degree := msh.geometry.cmaps[0].degree) != 1:
+        raise ContactInputError(
+            f"The mesh has a geometry of degree {degree}, contact needs straight facets: make it "
+            "with a coordinate element of degree 1."
         )
     return msh
 
@@ -86,14 +91,12 @@ def _unfit(scalar: Any) -> str | None:
 
 def degree_on_facets(V: fem.FunctionSpace) -> int:
     """Return the degree of a displacement's shape functions on facets."""
-    edges = V.ufl_element().sub_elements[0].entity_dofs[1]
-    on_edge = len(edges[0]) if V.mesh.topology.dim > 1 and any(_between(V)) else 0
-    return on_edge + 1
+    return len(V.ufl_element().sub_elements[0].entity_dofs[1][0]) + 1
 
 
 def nodal_on_facets(V: fem.FunctionSpace) -> bool:
-    """Tell whether facets are straight and have dofs of the displacement at vertices only."""
-    return V.mesh.geometry.cmaps[0].degree == 1 and not any(_between(V))
+    """Tell whether facets have dofs of the displacement at their vertices only."""
+    return not any(_between(V))
 
 
 def _between(V: fem.FunctionSpace) -> list[int]:

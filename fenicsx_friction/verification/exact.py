@@ -22,6 +22,7 @@ from ..base.errors import ContactInputError
 from ..base.validators import instance
 from ..laws.friction import Coulomb
 from ..problem import FrictionalContactProblem
+from ..surfaces.elements import nodal_on_facets
 from .soclcp import Increment, solve_increment
 
 Array = npt.NDArray[np.floating]
@@ -73,6 +74,8 @@ class ExactReference:
         law = contact.friction
         if not isinstance(law, Coulomb) or law.cap is not None or law.adhesion != 0.0:
             raise ContactInputError("The exact reference knows Coulomb's law only.")
+        if not nodal_on_facets(problem.u.function_space):
+            raise ContactInputError("The exact reference knows contact at the vertices only.")
         if contact.obstacle.motion is not None:
             raise ContactInputError("The exact reference needs an obstacle at rest.")
         self._problem, self._contact = problem, contact
