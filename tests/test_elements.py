@@ -28,8 +28,19 @@ def mini(cell):
     return basix.ufl.blocked_element(scalar, shape=(CELLS[cell],))
 
 
-ACCEPTED = [("P1 or Q1", lagrange, cell) for cell in CELLS] + [
-    ("MINI", mini, cell) for cell in MINI
+def quadratic(cell):
+    return lagrange(cell, 2)
+
+
+def cubic(cell):
+    return lagrange(cell, 3)
+
+
+ACCEPTED = [
+    *(("P1 or Q1", lagrange, cell) for cell in CELLS),
+    *(("P2 or Q2", quadratic, cell) for cell in CELLS),
+    *(("P3 or Q3", cubic, cell) for cell in ("triangle", "quadrilateral", "tetrahedron")),
+    *(("MINI", mini, cell) for cell in MINI),
 ]
 accepted = pytest.mark.parametrize(
     ("make", "cell"), [row[1:] for row in ACCEPTED], ids=[f"{a} {c}" for a, _, c in ACCEPTED]
@@ -96,12 +107,15 @@ def test_a_pressed_column_has_its_exact_force_and_stress(make, cell):
     assert strained == pytest.approx(exact * PRESS / 2.0, rel=1e-10)
 
 
+MIXED = [(mini, cell) for cell in MINI] + [(quadratic, cell) for cell in CELLS]
+
+
 @pytest.mark.mpi
-@pytest.mark.parametrize("cell", MINI)
-def test_mini_with_a_pressure_has_its_exact_force(cell):
+@pytest.mark.parametrize(("make", "cell"), MIXED)
+def test_mini_and_taylor_hood_with_a_pressure_have_their_exact_force(make, cell):
     """Two unknowns [u, p], the mixed form of the same column."""
     msh = column(cell)
-    V, Q = fem.functionspace(msh, mini(cell)), fem.functionspace(msh, ("Lagrange", 1))
+    V, Q = fem.functionspace(msh, make(cell)), fem.functionspace(msh, ("Lagrange", 1))
     (u, v), (p, q) = ((fem.Function(W), ufl.TestFunction(W)) for W in (V, Q))
     strain = ufl.sym(ufl.grad(u))
     deviatoric = 2.0 * SHEAR * (ufl.inner(strain, ufl.grad(v)) - ufl.div(u) * ufl.div(v) / 3.0)
@@ -112,21 +126,6 @@ def test_mini_with_a_pressure_has_its_exact_force(cell):
     )
     report = problem.solve()
     assert report.contacts[0].force[-1] == pytest.approx(stress()[msh.geometry.dim], rel=1e-10)
-
-
-@pytest.mark.parametrize("degree", [2, 3])
-def test_taylor_hood_and_other_mid_nodes_are_refused(degree):
-    msh = column("triangle")
-    V = fem.functionspace(msh, lagrange("triangle", degree))
-    u = fem.Function(V)
-    bcs, contact = pressed(msh, V)
-    F = ufl.derivative(ufl.inner(ufl.grad(u), ufl.grad(u)) * ufl.dx, u)
-    with pytest.raises(
-        ff.ContactInputError, match=r"has dofs on edges or facets.*what works is P1"
-    ):
-        ff.FrictionalContactProblem(
-            F, u, contact=contact, bcs=bcs, petsc_options_prefix="mid_nodes_"
-        )
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -160,7 +159,6 @@ def test_vertex_dofs_must_be_values(cell, monkeypatch):
     ("element", "rigid"),
     [
         *((make(cell), CELLS[cell]) for _, make, cell in ACCEPTED),
-        *((lagrange(cell, 2), CELLS[cell]) for cell in CELLS),
     ],
     ids=str,
 )

@@ -75,25 +75,9 @@ def test_the_right_model_is_certified():
 @pytest.mark.parametrize("degree", [2, 3])
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_higher_displacements(cell, degree):
-    with refused("has dofs on edges or facets"):
-        pressed_block(element=("Lagrange", degree, (2,)), cell=cell)
-
-
-def test_the_displacement_of_taylor_hood():
-    """A list [u, p] is right, but not with a P2 displacement."""
-    msh = mesh.create_unit_square(MPI.COMM_WORLD, 3, 3)
-    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0))
-    spaces = [fem.functionspace(msh, ("Lagrange", 2, (2,))), fem.functionspace(msh, ("P", 1))]
-    (u, v), (p, q) = ((fem.Function(W), ufl.TestFunction(W)) for W in spaces)
-    F = [
-        (ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) - p * ufl.div(v)) * ufl.dx,
-        (ufl.div(u) + p) * q * ufl.dx,
-    ]
-    contact = ff.Contact(
-        ff.ContactSurface(msh, tags, 1), ff.RigidPlane((0, 0), (0, 1)), ff.Frictionless()
-    )
-    with refused("has dofs on edges or facets"):
-        ff.FrictionalContactProblem(F, [u, p], contact=contact, petsc_options_prefix="hood_")
+    """By collocation at the vertices the force was 5 to 20 % too small."""
+    force = pressed_block(element=("Lagrange", degree, (2,)), cell=cell)
+    assert 10.99 < force < pressed_block(cell=cell)
 
 
 def test_one_gauss_point_a_cell():

@@ -119,14 +119,17 @@ class FacePoints:
 
     def evaluator(self, expression: Expr) -> Callable[[], Array]:
         """Return what evaluates an expression over the body's mesh at the points; collective."""
-        made = compiled(fem.Expression, self._comm)(expression, self._tables.on_facet)
         tables, comm, face = self._tables, self._comm, self._face
+        made = compiled(fem.Expression, comm)(expression, tables.all_points)
+        size = int(np.prod(expression.ufl_shape, dtype=int))
 
         def evaluate() -> Array:
             """Evaluate on this rank's faces, and take those round the nodes."""
-            values = np.asarray(made.eval(self.mesh, tables.entities))
-            size = int(np.prod(expression.ufl_shape, dtype=int))
-            rows = values.reshape(len(tables.entities), len(tables.on_facet), size)
+            cells, kind = tables.entities.T
+            # In the cells: DOLFINx turns the points of facets with their vertices.
+            values = np.asarray(made.eval(self.mesh, cells))
+            of_facets = values.reshape(len(cells), *tables.shapes.shape[:2], size)
+            rows = of_facets[np.arange(len(cells)), kind]
             counts = np.array(comm.allgather(len(rows)))
             return gather_rows(comm, rows, counts)[face].reshape(len(self.x), size)
 

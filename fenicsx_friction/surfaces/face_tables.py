@@ -45,7 +45,7 @@ class FaceTables:
 
     Attributes:
         entities: (cell, local facet) of this rank's faces.
-        on_facet: The points in the facet's coordinates.
+        all_points: The points of all facets, in the cell's coordinates.
         shapes: The displacement's shape functions: (facets, points, dofs on the facet).
         hats: The shape functions of the vertices: (facets, points, vertices of the facet).
     """
@@ -55,7 +55,7 @@ class FaceTables:
         cell, tdim = msh.basix_cell(), msh.topology.dim
         self.entities = surface.entities.reshape(-1, 2)
         rule = basix.make_quadrature(surface.submesh.basix_cell(), degree)
-        self.on_facet, self._w = (np.asarray(part) for part in rule)
+        on_facet, self._w = (np.asarray(part) for part in rule)
         corners, self._vertices = np.asarray(basix.geometry(cell)), basix.topology(cell)[tdim - 1]
         self._at_vertex = np.array(
             [V.dofmap.dof_layout.entity_dofs(0, i)[0] for i in range(len(corners))]
@@ -70,12 +70,13 @@ class FaceTables:
         for vertices, dofs in zip(self._vertices, self._closure, strict=True):
             origin, *others = corners[vertices]
             axes = np.array(others[: tdim - 1]) - origin
-            points = origin + self.on_facet @ axes
+            points = origin + on_facet @ axes
             self._points.append(points)
             self._axes.append(axes)
             shapes.append(np.asarray(scalar.tabulate(0, points))[0][:, dofs])
             hats.append(np.asarray(linear.tabulate(0, points))[0][:, vertices])
         self.shapes, self.hats = np.array(shapes), np.array(hats)
+        self.all_points = np.concatenate(self._points)
 
     def gathered(self) -> Faces:
         """Return the faces of all ranks; collective."""

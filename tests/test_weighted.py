@@ -1,0 +1,206 @@
+"""Weighted contact: displacements with dofs on edges and faces meet rigid obstacles on average."""
+
+from types import SimpleNamespace
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+
+import fenicsx_friction as ff
+from models import by_place, gathered, tagged_facets
+
+pytestmark = pytest.mark.mpi
+CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+E, NU = 1000.0, 0.3
+
+
+def block(cell, n, obstacle, mu=0.3, *, degree=2, energy="small", size=1.0, name="w_", **options):
+    """A block (square or cube) over an obstacle; ``move`` sets where its top is."""
+    d, kind = CELLS[cell], getattr(mesh.CellType, cell)
+    make, up = (mesh.create_rectangle if d == 2 else mesh.create_box), d - 1
+    msh = make(MPI.COMM_WORLD, [[0.0] * d, [size] * d], [n] * d, kind)
+    tags = tagged_facets(msh, lambda x: np.isclose(x[up], 0.0), lambda x: np.isclose(x[up], size))
+    V = fem.functionspace(msh, ("Lagrange", degree, (d,)))
+    u, v, top = fem.Function(V), ufl.TestFunction(V), fem.Constant(msh, np.zeros(d))
+    densities = {"small": ff.bulk.small_strain_energy, "finite": ff.bulk.neo_hooke_energy}
+    stored = ff.bulk.stored_energy(densities[energy](u, ff.bulk.Elastic(E, NU)), ufl.dx)
+    if callable(obstacle):
+        obstacle = obstacle(msh)
+    law = ff.Coulomb(mu) if mu > 0.0 else ff.Frictionless()
+    contact = ff.Contact(ff.ContactSurface(msh, tags, 1), obstacle, law)
+    held = fem.dirichletbc(top, fem.locate_dofs_topological(V, up, tags.find(2)), V)
+    problem = ff.FrictionalContactProblem(
+        ufl.derivative(stored, u, v),
+        u,
+        contact=contact,
+        bcs=held,
+        petsc_options_prefix=name,
+        **options,
+    )
+
+    def move(*place):
+        top.value[:] = place
+
+    return SimpleNamespace(problem=problem, contact=contact, move=move, u=u, top=top)
+
+
+def ball(d, radius=2.0, height=0.02):
+    """A sphere under the middle of the block that is so much too high."""
+    return ff.RigidSphere([0.45] * (d - 1) + [height - radius], radius)
+
+
+def plane(d):
+    return ff.RigidPlane([0.0] * d, [0.0] * (d - 1) + [1.0])
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("degree", [2, 3])
+def test_jacobian_against_differences(cell, degree):
+    """Averages over a sphere turn with the body: every block of the matrix is there."""
+    d = CELLS[cell]
+    if d == 3 and degree == 3:
+        return
+    model = block(cell, 2, ball(d), degree=degree, energy="finite", name=f"jac_{cell}_")
+    model.move(*[0.004] * (d - 1), -0.03)
+    model.problem.solve()
+    assert ff.check_jacobian(model.problem).error <= 1e-6
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_forces_of_a_smooth_sphere_go_through_its_centre(cell):
+    """They are conjugate to the gap: a common turn about the centre does no work."""
+    d = CELLS[cell]
+    model = block(cell, 3, ball(d), 0.0, energy="finite", name=f"centre_{cell}_")
+    model.move(*[0.01] * (d - 1), -0.03)
+    report = model.problem.solve().contacts[0]
+    force, centre = np.array(report.force), np.array([0.45] * (d - 1) + [-1.98])
+    assert report.stick + report.slip >= 2
+    assert np.linalg.norm(force) > 1.0
+    lever = centre[0] * force[1] - centre[1] * force[0] if d == 2 else np.cross(centre, force)
+    assert np.array(report.moment) == pytest.approx(lever, abs=1e-10 * np.linalg.norm(force))
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_what_slides_everywhere_has_the_friction_of_its_load(cell):
+    d = CELLS[cell]
+    model = block(cell, 3, plane(d), 0.2, name=f"slide_{cell}_")
+    model.move(*[0.0] * (d - 1), -0.01)
+    model.problem.solve()
+    model.move(0.3, *[0.0] * (d - 2), -0.02)
+    report = model.problem.solve().contacts[0]
+    assert report.stick == 0 and report.slip > 0
+    assert abs(report.force[0]) <= 0.2 * report.force[-1] * (1.0 + 1e-12)
+    # In 3D some nodes slip sideways, too.
+    assert abs(report.force[0]) == pytest.approx(
+        0.2 * report.force[-1], rel=1e-9 if d == 2 else 2e-3
+    )
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_the_boundary_and_the_whole_have_the_same_solution(cell):
+    d, states = CELLS[cell], []
+    for solver in ("condensed", "full"):
+        settings = ff.StepSettings(solver=solver)
+        name = f"{solver}_{cell}_"
+        model = block(cell, 3, ball(d), settings=settings, name=name)
+        model.move(*[0.01] * (d - 1), -0.03)
+        report = model.problem.solve()
+        assert report.solver == solver and report.contacts[0].slip + report.contacts[0].stick
+        states.append([by_place(f) for f in (model.u, model.contact.c)])
+    for one, other in zip(*states, strict=True):
+        assert other == pytest.approx(one, abs=1e-9 * np.max(abs(one), initial=0.0))
+
+
+@pytest.mark.parametrize(
+    ("cell", "sizes"), [("triangle", (8, 32)), ("quadrilateral", (8, 32)), ("tetrahedron", (3, 6))]
+)
+def test_penetration_between_the_nodes_falls_fast(cell, sizes):
+    """Averages leave some; it is reported, and falls nearly with the square of the mesh size."""
+    d, approach, found = CELLS[cell], 0.02, []
+    for n in sizes:
+        model = block(cell, n, ball(d, 1.0, 0.0), 0.0, name=f"deep_{cell}_{n}_")
+        model.move(*[0.0] * (d - 1), -approach)
+        report = model.problem.solve().contacts[0]
+        assert model.problem.accepted[0].gap.min(initial=0.0) > -1e-10
+        found.append(report.penetration)
+    rate = np.log(found[0] / found[1]) / np.log(sizes[1] / sizes[0])
+    assert 0.0 < found[1] < (0.02 if d == 2 else 0.4) * approach
+    assert rate > 1.2
+
+
+def parabola(msh):
+    return ff.ImplicitObstacle(lambda X: X[1] + (X[0] - 1.013) ** 2 / 8.0)
+
+
+def profile(n):
+    """Pressures of a parabola on a block (Q2), interpolated, and the force."""
+    model = block("quadrilateral", n, parabola, 0.0, name=f"profile_{n}_", size=2.0)
+    model.move(0.0, -0.02)
+    report = model.problem.solve().contacts[0]
+    x, c, _ = gathered(model.problem)
+    return np.interp(np.linspace(0.4, 1.6, 2001), x[:, 0], c[:, 0]), report.force[1]
+
+
+def test_pressures_and_force_of_a_line_contact_converge():
+    """The profile with 65 and 129 nodes on the surface, against 257."""
+    (exact, force), *others = (profile(n) for n in (128, 32, 64))
+    errors = [np.linalg.norm(p - exact) / np.linalg.norm(exact) for p, _ in others]
+    assert errors[0] < 0.08 and errors[1] < 0.04
+    assert [f for _, f in others] == pytest.approx([force] * 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_a_gap_may_depend_on_fields(cell):
+    """A field of the mesh counts at the points of the faces, as the same expression does."""
+    d, found = CELLS[cell], []
+
+    def of_field(msh):
+        f = fem.Function(fem.functionspace(msh, ("Lagrange", 4)))
+        f.interpolate(lambda x: 0.01 * x[0] ** 2 + 0.003 * x[0])
+        return ff.ImplicitObstacle(lambda X: X[d - 1] - f)
+
+    def of_place(msh):
+        x = ufl.SpatialCoordinate(msh)[0]
+        return ff.ImplicitObstacle(lambda X: X[d - 1] - (0.01 * x**2 + 0.003 * x))
+
+    for kind, obstacle in (("field", of_field), ("place", of_place)):
+        model = block(cell, 3, obstacle, name=f"{kind}_{cell}_")
+        model.move(*[0.0] * (d - 1), -0.01)
+        assert model.problem.solve().contacts[0].force[-1] > 0.5
+        found.append([by_place(f) for f in (model.u, model.contact.c)])
+    for one, other in zip(*found, strict=True):
+        assert other == pytest.approx(one, abs=1e-10 * np.max(abs(one), initial=0.0))
+
+
+@pytest.mark.parametrize("obstacle", ["sphere", "gap"])
+def test_a_block_that_is_carried_through_a_ball_is_refused(obstacle):
+    """The ball is smaller than a face: no vertex meets it."""
+    radius, centre = 0.08, (0.5, -0.2)
+    found = {
+        "sphere": ff.RigidSphere(centre, radius),
+        "gap": ff.ImplicitObstacle(
+            lambda X: ufl.sqrt((X[0] - 0.5) ** 2 + (X[1] + 0.2) ** 2) - radius
+        ),
+    }[obstacle]
+    model = block("triangle", 3, found, 0.0, name=f"through_{obstacle}_")
+    model.move(0.0, -0.6)
+    with pytest.raises(ff.StepFailed, match=r"2 nodes of 'contact' went through the obstacle"):
+        model.problem.solve()
+    model.move(0.0, -0.05)
+    assert model.problem.solve().contacts[0].open == 4
+
+
+def test_two_bodies_need_values_at_the_vertices():
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 3, 3)
+    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0), lambda x: np.isclose(x[1], 1.0))
+    V = fem.functionspace(msh, ("Lagrange", 2, (2,)))
+    u = fem.Function(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E, NU))
+    F = ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, ufl.TestFunction(V))
+    surfaces = [ff.ContactSurface(msh, tags, tag, name) for tag, name in ((1, "low"), (2, "top"))]
+    contact = ff.Contact(surfaces[0], ff.DeformableObstacle(surfaces[1]), ff.Coulomb(0.3))
+    with pytest.raises(ff.ContactInputError, match=r"node to face and needs P1, Q1 or MINI"):
+        ff.FrictionalContactProblem(F, u, contact=contact, petsc_options_prefix="two_")
