@@ -16,6 +16,10 @@ CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 E, NU, PRESS, HEIGHT = 1000.0, 0.3, 0.01, 2.0
 SHEAR, BULK = E / (2.0 * (1.0 + NU)), E / (3.0 * (1.0 - 2.0 * NU))
 MINI = {"triangle": 3, "tetrahedron": 4}
+MOMENTS = {
+    "lagrange_variant": basix.LagrangeVariant.legendre,
+    "dpc_variant": basix.DPCVariant.legendre,
+}
 
 
 def lagrange(cell, degree=1):
@@ -36,11 +40,17 @@ def cubic(cell):
     return lagrange(cell, 3)
 
 
+def quadratic_with_bubbles(cell):
+    parts = [basix.ufl.element("P", cell, 2), basix.ufl.element("Bubble", cell, 3)]
+    return basix.ufl.blocked_element(basix.ufl.enriched_element(parts), shape=(CELLS[cell],))
+
+
 ACCEPTED = [
     *(("P1 or Q1", lagrange, cell) for cell in CELLS),
     *(("P2 or Q2", quadratic, cell) for cell in CELLS),
     *(("P3 or Q3", cubic, cell) for cell in ("triangle", "quadrilateral", "tetrahedron")),
     *(("MINI", mini, cell) for cell in MINI),
+    ("P2 with bubbles", quadratic_with_bubbles, "triangle"),
 ]
 accepted = pytest.mark.parametrize(
     ("make", "cell"), [row[1:] for row in ACCEPTED], ids=[f"{a} {c}" for a, _, c in ACCEPTED]
@@ -153,6 +163,25 @@ def test_vertex_dofs_must_be_values(cell, monkeypatch):
     tabulate = type(scalar).tabulate
     monkeypatch.setattr(type(scalar), "tabulate", lambda *a: 2.0 * tabulate(*a))
     assert "not the values" in elements._unfit(scalar)
+
+
+@pytest.mark.parametrize(
+    "scalar",
+    [
+        basix.ufl.element("Serendipity", "quadrilateral", 2, **MOMENTS),
+        basix.ufl.element("P", "triangle", 2, lagrange_variant=basix.LagrangeVariant.bernstein),
+    ],
+    ids=["serendipity", "bernstein"],
+)
+def test_dofs_between_the_vertices_must_be_values(scalar):
+    msh = column(scalar.cell_type.name)
+    u = fem.Function(fem.functionspace(msh, basix.ufl.blocked_element(scalar, shape=(2,))))
+    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0))
+    plane = ff.RigidPlane((0.0, 0.0), (0.0, 1.0))
+    contact = ff.Contact(ff.ContactSurface(msh, tags, 1), plane, ff.Coulomb(0.0))
+    F = ufl.derivative(ufl.inner(ufl.grad(u), ufl.grad(u)) * ufl.dx, u)
+    with pytest.raises(ff.ContactInputError, match="dofs on edges or facets that are not values"):
+        ff.FrictionalContactProblem(F, u, contact=contact, petsc_options_prefix="dofs_")
 
 
 @pytest.mark.parametrize(

@@ -14,11 +14,8 @@ from .report import ContactReport
 def total(contact: Contact, state: NodalState) -> ContactReport:
     """Total the nodal values of a contact over all ranks; collective."""
     counts = np.bincount(state.states()[state.takes_part], minlength=3)
-    arms = contact.pairing.arms()
-    # What acts on the body: an obstacle that is deformable has points of its own.
-    levers = contact.pairing.levers()[:, :, : arms.shape[1]]
-    forces = np.einsum("n,nk,nkpd->npd", state.area, contact.multipliers(), levers)
-    force, moment = forces.sum(axis=(0, 1)), _moment(_rows(arms), _rows(forces))
+    x, forces = contact.pairing.acting()
+    force, moment = forces.sum(axis=0), _moment(x, forces)
     work = -np.einsum("i,ij,ij->", state.area, state.c[:, 1:], state.slip)
     sums = np.array([*counts, *force, *moment, work])
     sums = contact.surface.mesh.comm.allreduce(sums, MPI.SUM)
@@ -32,11 +29,6 @@ def total(contact: Contact, state: NodalState) -> ContactReport:
         dissipation=float(sums[-1]),
         penetration=contact.surface.mesh.comm.allreduce(contact.pairing.penetration(), MPI.MAX),
     )
-
-
-def _rows(values: Array) -> Array:
-    """Return one row a point of all nodes."""
-    return values.reshape(-1, values.shape[-1])
 
 
 def _moment(x: Array, forces: Array) -> Array:

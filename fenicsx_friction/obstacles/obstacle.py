@@ -114,9 +114,9 @@ class Pairing(ABC):
             result += self.traction()[:, None, :, None] * weight_slopes[:, :, None]
         return np.asarray(result)
 
-    def arms(self) -> Array:
-        """Return where the forces on the body act (m): (nodes, points, d); collective."""
-        return self.positions()[:, None]
+    def acting(self) -> tuple[Array, Array]:
+        """Return points (m) and the forces on the body there (N), one row each; collective."""
+        return self.positions(), np.asarray(self.area()[:, None] * self.traction())
 
     def penetration(self) -> float:
         """Return the largest penetration of a point (m), on this rank; collective."""

@@ -126,10 +126,13 @@ class WeightedPairing(RigidPairing):
             e /= np.linalg.norm(e, axis=1, keepdims=True)
         return frames(values, self.side.d)
 
-    def arms(self) -> Array:
-        """Return where the forces act: the current positions of the stencil (m)."""
-        V, d = self.side.u.function_space, self.side.d
-        return self.gather(V.tabulate_dof_coordinates()[:, :d].ravel() + self.side.u.x.array)
+    def acting(self) -> tuple[Array, Array]:
+        """Return all points (m) and the forces on the body there (N)."""
+        points, values = self.points, self._kernel.values()
+        c = self.side.nodal(self.side.c)[points.node_of_point]
+        areas = (points.area[points.node][:, None] * points.share).ravel()
+        forces = np.einsum("p,pk,pkd->pd", areas, c, frames(values, self.side.d))
+        return values[:, slice(*slices(self.side.d)[-1])], forces
 
     # -- what else is asked of an obstacle -------------------------------------------------------
 

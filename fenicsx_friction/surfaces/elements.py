@@ -86,6 +86,9 @@ def _unfit(scalar: Any) -> str | None:
         expected[vertex, dof] = 1.0
     if not np.allclose(values, expected, atol=1e-10):
         return "has vertex dofs that are not the values there"
+    between = any(dofs for entities in scalar.entity_dofs[1:-1] for dofs in entities)
+    if between and not getattr(scalar.basix_element, "interpolation_is_identity", False):
+        return "has dofs on edges or facets that are not values at points"
     return None
 
 
