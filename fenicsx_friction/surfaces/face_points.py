@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cached_property
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -86,7 +88,8 @@ class FacePoints:
         unique, inverse = np.unique(keys, axis=0, return_inverse=True)
         starts = np.searchsorted(unique[:, 0], np.arange(n))
         place = np.arange(len(unique)) - starts[unique[:, 0]]
-        self.stencil = np.full((n, int(place.max(initial=-1)) + 1), -1)
+        width = self._comm.allreduce(int(place.max(initial=-1)) + 1, MPI.MAX)  # as on all ranks
+        self.stencil = np.full((n, width), -1)
         self.stencil[unique[:, 0], place] = unique[:, 2]
         self.place = place[inverse.ravel()].reshape(corners, k)
 
