@@ -17,12 +17,28 @@ CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 E, NU = 1000.0, 0.3
 
 
-def block(cell, n, obstacle, mu=0.3, *, degree=2, energy="small", size=1.0, name="w_", **options):
+def block(
+    cell,
+    n,
+    obstacle,
+    mu=0.3,
+    *,
+    degree=2,
+    energy="small",
+    size=1.0,
+    span=None,
+    symmetric=False,
+    name="w_",
+    **options,
+):
     """A block (square or cube) over an obstacle; ``move`` sets where its top is."""
     d, kind = CELLS[cell], getattr(mesh.CellType, cell)
     make, up = (mesh.create_rectangle if d == 2 else mesh.create_box), d - 1
-    msh = make(MPI.COMM_WORLD, [[0.0] * d, [size] * d], [n] * d, kind)
-    tags = tagged_facets(msh, lambda x: np.isclose(x[up], 0.0), lambda x: np.isclose(x[up], size))
+    span = span or ([0.0] * d, [size] * d)
+    msh = make(MPI.COMM_WORLD, span, np.broadcast_to(n, d).tolist(), kind)
+    tags = tagged_facets(
+        msh, lambda x: np.isclose(x[up], 0.0), lambda x: np.isclose(x[up], span[1][up])
+    )
     V = fem.functionspace(msh, ("Lagrange", degree, (d,)))
     u, v, top = fem.Function(V), ufl.TestFunction(V), fem.Constant(msh, np.zeros(d))
     densities = {"small": ff.bulk.small_strain_energy, "finite": ff.bulk.neo_hooke_energy}
@@ -31,7 +47,11 @@ def block(cell, n, obstacle, mu=0.3, *, degree=2, energy="small", size=1.0, name
         obstacle = obstacle(msh)
     law = ff.Coulomb(mu) if mu > 0.0 else ff.Frictionless()
     contact = ff.Contact(ff.ContactSurface(msh, tags, 1), obstacle, law)
-    held = fem.dirichletbc(top, fem.locate_dofs_topological(V, up, tags.find(2)), V)
+    held = [fem.dirichletbc(top, fem.locate_dofs_topological(V, up, tags.find(2)), V)]
+    if symmetric:
+        side = mesh.locate_entities_boundary(msh, up, lambda x: np.isclose(x[0], 0.0))
+        dofs = fem.locate_dofs_topological(V.sub(0), up, side)
+        held.append(fem.dirichletbc(0.0, dofs, V.sub(0)))
     problem = ff.FrictionalContactProblem(
         ufl.derivative(stored, u, v),
         u,
@@ -97,6 +117,24 @@ def test_what_slides_everywhere_has_the_friction_of_its_load(cell):
     assert abs(report.force[0]) == pytest.approx(
         0.2 * report.force[-1], rel=1e-9 if d == 2 else 2e-3
     )
+
+
+@pytest.mark.parametrize("kind", ["plane", "ball"])
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_half_of_a_symmetric_model_is_half_of_it(cell, kind):
+    """The symmetry plane holds one tangent of its nodes, and carries no friction."""
+    d, forces = CELLS[cell], []
+    for low in (-1.0, 0.0):
+        obstacle = plane(d) if kind == "plane" else ff.RigidSphere([0.0] * (d - 1) + [-1.98], 2.0)
+        span = [low] + [-1.0] * (d - 2) + [0.0], [1.0] * d
+        cells = [4 if low < 0.0 else 2] + [2] * (d - 1)
+        model = block(cell, cells, obstacle, 0.3, span=span, symmetric=low == 0.0, name="half_")
+        model.move(*[0.0] * (d - 1), -0.15)
+        report = model.problem.solve().contacts[0]
+        forces.append(report.force[-1])
+        states = (report.open, report.stick, report.slip)
+        assert sum(states[1:]) > 0
+    assert 2.0 * forces[1] == pytest.approx(forces[0], rel=1e-9)
 
 
 @pytest.mark.parametrize("cell", CELLS)

@@ -19,7 +19,7 @@ from . import frame
 #: A node touches at gaps below this fraction of its facets' size.
 TOUCH = 1e-8
 #: Largest sine of the angle between a held direction and the tangent plane: for rounding, and for
-#: the facets of a curved surface.
+#: the facets of a curved surface and averages over it.
 OBLIQUE, OBLIQUE_FACES = 1e-6, 0.3
 
 
@@ -59,7 +59,7 @@ class Prescribed:
         """
         side = self._side
         fixed, normals = self._fixed_components(), self._pairing.normals().copy()
-        most = OBLIQUE_FACES if self._pairing.deformable else OBLIQUE
+        most = OBLIQUE_FACES if self._pairing.tilted else OBLIQUE
         bad = frame.oblique(normals, fixed, most)
         if any_rank(side.surface.mesh.comm, bool(np.any(bad))):
             self._refuse_oblique(bad & rough())

@@ -43,7 +43,7 @@ class NodeToFace(Pairing):
         faces: The faces of the primary surface on all ranks.
     """
 
-    deformable = True
+    deformable = tilted = True
 
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
         super().__init__(side)

@@ -64,12 +64,13 @@ class Pairing(ABC):
     Attributes:
         field: The kinematics as a field, see :mod:`~fenicsx_friction.obstacles.kinematics`.
         kinematics: The same in UFL.
-        deformable: Whether the stencil has points beside the node.
+        deformable: Whether the other side is deformable.
+        tilted: Whether normals are those of faces or averages, a bit off the obstacle's own.
         version: Changes with the stencils.
         lost: Owned nodes whose gap is not known at the present displacement, if any.
     """
 
-    deformable = False
+    deformable = tilted = False
     version = 0
     lost: Mask | None = None
 

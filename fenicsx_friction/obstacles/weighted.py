@@ -41,7 +41,7 @@ class WeightedPairing(RigidPairing):
         points: The points of the averages.
     """
 
-    nodal = False
+    nodal, tilted = False, True
 
     def __init__(self, obstacle: Rigid, side: Side) -> None:
         V = side.u.function_space
@@ -176,7 +176,11 @@ class WeightedPairing(RigidPairing):
         return at
 
     def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
-        """Return the directions in which all dofs that the average depends on are prescribed."""
+        """Keep the directions in which all that the average depends on is prescribed.
+
+        A node keeps its own, as on symmetry planes, unless all its directions are prescribed.
+        """
         held = self.gather(fixed.x.array, missing=1.0) > 0.5
         ignored = abs(self.weights()) < WEIGHTLESS
-        return np.asarray(np.all(held | ignored[:, :, None], axis=1))
+        symmetry = nodes & ~np.all(nodes, axis=1, keepdims=True)
+        return np.asarray(symmetry | np.all(held | ignored[:, :, None], axis=1))
