@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from scipy.spatial.transform import Rotation
 
 import fenicsx_friction as ff
 from models import by_place, gathered, tagged_facets
@@ -28,6 +29,7 @@ def block(
     size=1.0,
     span=None,
     symmetric=False,
+    turn=None,
     name="w_",
     **options,
 ):
@@ -39,6 +41,8 @@ def block(
     tags = tagged_facets(
         msh, lambda x: np.isclose(x[up], 0.0), lambda x: np.isclose(x[up], span[1][up])
     )
+    if turn is not None:
+        msh.geometry.x[:] = msh.geometry.x @ turn.T
     V = fem.functionspace(msh, ("Lagrange", degree, (d,)))
     u, v, top = fem.Function(V), ufl.TestFunction(V), fem.Constant(msh, np.zeros(d))
     densities = {"small": ff.bulk.small_strain_energy, "finite": ff.bulk.neo_hooke_energy}
@@ -117,6 +121,24 @@ def test_what_slides_everywhere_has_the_friction_of_its_load(cell):
     assert abs(report.force[0]) == pytest.approx(
         0.2 * report.force[-1], rel=1e-9 if d == 2 else 2e-3
     )
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_a_turned_copy_of_a_model_has_the_same_forces(cell):
+    """Slips are averaged in frames that are carried from one of the node: no axis is preferred."""
+    forces = []
+    for turn in ([0.0, 0.0, 0.0], [0.3, -0.2, 0.5], [1.0, 0.7, -0.4]):
+        Q = Rotation.from_rotvec(turn).as_matrix()
+        centre = Q @ np.array([0.45, 0.4, -1.98])
+        model = block(cell, 3, ff.RigidSphere(centre, 2.0), 0.3, turn=Q, name=f"turn_{cell}_")
+        for place in ([0.0, 0.0, -0.03], [0.01, 0.004, -0.04]):
+            model.move(*Q @ np.array(place))
+            report = model.problem.solve().contacts[0]
+        assert report.stick + report.slip > 2
+        forces.append(Q.T @ np.array(report.force))
+    assert abs(forces[0][0]) > 0.1
+    for other in forces[1:]:
+        assert other == pytest.approx(forces[0], abs=1e-8 * np.linalg.norm(forces[0]))
 
 
 @pytest.mark.parametrize("kind", ["plane", "ball"])

@@ -73,7 +73,7 @@ def tangents_of(normal: Expr, first: Sequence[Expr]) -> tuple[Expr, ...]:
     return (first[0], ufl.cross(normal, first[0]))
 
 
-def entries(gap: Expr, way: Expr, normal: Expr, hint: Expr) -> list[Expr]:
+def entries(gap: Expr, way: Expr, normal: Expr, hint: Expr, axis: Expr | None = None) -> list[Expr]:
     """Return the entries of the field before the position.
 
     Args:
@@ -81,8 +81,11 @@ def entries(gap: Expr, way: Expr, normal: Expr, hint: Expr) -> list[Expr]:
         way: Way of the step (m), from where the met point is now.
         normal: Unit normal towards the body.
         hint: Vector whose projection on the tangent plane is the first tangent (3D only).
+        axis: Unit normal of a frame that is carried to this normal, ``None`` to make it here.
     """
     first = [] if len(normal) == 2 else [first_tangent(normal, hint)]
+    if first and axis is not None:
+        first = [carried(first_tangent(axis, hint), axis, normal)]
     slip = [ufl.dot(e, way) for e in tangents_of(normal, first)]
     return [gap, *slip, *normal, *(x for e in first for x in e)]
 
@@ -91,6 +94,17 @@ def first_tangent(normal: Expr, hint: Expr) -> Expr:
     """Return the unit vector along the tangential part of a hint."""
     first = hint - ufl.dot(hint, normal) * normal
     return first / ufl.sqrt(ufl.dot(first, first))
+
+
+def carried(tangent: Expr, axis: Expr, normal: Expr) -> Expr:
+    """Return a tangent after the smallest rotation that takes its axis to a normal.
+
+    A frame that turns about its axis turns all that is carried from it by the same angle: averages
+    of slips in carried frames turn with it, whichever tangent was chosen.
+    """
+    both = 1.0 + ufl.dot(axis, normal)
+    safe = ufl.conditional(ufl.gt(both, 1e-9), both, 1.0)  # opposite: there is no such rotation
+    return tangent - ufl.dot(normal, tangent) / safe * (axis + normal)
 
 
 def frames(values: Array, d: int) -> Array:

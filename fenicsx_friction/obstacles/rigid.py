@@ -68,7 +68,9 @@ class RigidObstacle(Obstacle):
         gradient = ufl.diff(gap, point)
         return gap, gradient / ufl.sqrt(ufl.dot(gradient, gradient))
 
-    def kinematic_values(self, X: Expr, u: Expr, u_old: Expr, hint: Expr) -> Expr:
+    def kinematic_values(
+        self, X: Expr, u: Expr, u_old: Expr, hint: Expr, axis: Expr | None = None
+    ) -> Expr:
         """Return the entries of the kinematic field of a node.
 
         Args:
@@ -76,9 +78,11 @@ class RigidObstacle(Obstacle):
             u: Displacement (m).
             u_old: Displacement at the last accepted step (m).
             hint: Vector whose projection on the tangent plane is the first tangent (3D only).
+            axis: Normal of the frame that is carried to the node's, ``None`` to make it there.
         """
         gap, normal = self.gap_and_normal(X, u)
-        return ufl.as_vector([*entries(gap, self.way(X, u, u_old), normal, hint), *(X + u)])
+        way = self.way(X, u, u_old)
+        return ufl.as_vector([*entries(gap, way, normal, hint, axis), *(X + u)])
 
     def near(self, side: Side) -> RigidObstacle:
         """Return the same obstacle with a gap that loses no digits at a side's nodes."""

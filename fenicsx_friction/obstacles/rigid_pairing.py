@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 import ufl
+from dolfinx import fem
 from ufl.core.expr import Expr
 
 from ..base.collective import any_rank
@@ -30,7 +31,9 @@ class Rigid(Protocol):
     def near(self, side: Side) -> Rigid:
         """Return the same obstacle with a gap that loses no digits at a side's nodes."""
 
-    def kinematic_values(self, X: Expr, u: Expr, u_old: Expr, hint: Expr) -> Expr:
+    def kinematic_values(
+        self, X: Expr, u: Expr, u_old: Expr, hint: Expr, axis: Expr | None = None
+    ) -> Expr:
         """Return the entries of the kinematic field."""
 
     def rounding(self, pairing: Any) -> Array:
@@ -59,9 +62,13 @@ class RigidPairing(Pairing):
         self.obstacle = obstacle
         X = ufl.SpatialCoordinate(side.surface.mesh)
         near = obstacle.near(side) if self.nodal else obstacle
-        values = near.kinematic_values(X, side.u, side.u_old, side.hint)
+        values = near.kinematic_values(X, side.u, side.u_old, side.hint, self._axis())
         self._kernel = NodalKernel(self._sites(), values, [side.u])
         self._written = 0
+
+    def _axis(self) -> fem.Function | None:
+        """Return the normals of frames that are carried to the points, if they are."""
+        return None
 
     def _sites(self) -> Sites:
         """Return the points where the obstacle is met: the nodes."""

@@ -39,6 +39,8 @@ class WeightedPairing(RigidPairing):
 
     Attributes:
         points: The points of the averages.
+        axis: Mean normal of each node at the start of a step, carried along by the obstacle. Its
+            frame is carried to the points.
     """
 
     nodal, tilted = False, True
@@ -46,7 +48,13 @@ class WeightedPairing(RigidPairing):
     def __init__(self, obstacle: Rigid, side: Side) -> None:
         V = side.u.function_space
         self.points = FacePoints(side.surface, V, 2 * degree_on_facets(V))
+        self.axis = fem.Function(side.hint.function_space, name="mean_normal")
         super().__init__(obstacle, side)
+        self.anchor()
+
+    def _axis(self) -> fem.Function:
+        """Return the mean normals at the start of the step."""
+        return self.axis
 
     def _sites(self) -> Sites:
         """Return the points of the averages."""
@@ -144,8 +152,20 @@ class WeightedPairing(RigidPairing):
         """Return this rank's (blocked) dofs on the surface."""
         return self.points.owned_dofs
 
-    def crossed(self, closed: Mask) -> Mask:
-        """Tell which open nodes have points that passed right through the obstacle; collective."""
+    def anchor(self) -> None:
+        """Find the mean normals where the body was, carried along by the obstacle; collective."""
+        kept = self.side.u.x.array.copy()
+        try:
+            _, normals = self.look(*self._paths())(0.0)
+            mean = self.points.average(normals)
+            length = np.linalg.norm(mean, axis=1, keepdims=True)
+            self.side.nodal(self.axis)[:] = mean / np.where(length > 0.0, length, 1.0)
+        finally:
+            self.side.u.x.array[:] = kept
+        self.axis.x.scatter_forward()
+
+    def _paths(self) -> tuple[Array, Array]:
+        """Return where the points start, carried along by the obstacle, and end; collective."""
         V, points = self.side.u.function_space, self.points
         X, owned = V.tabulate_dof_coordinates()[:, : self.side.d], points.owned_dofs
         old, new = (X + f.x.array.reshape(X.shape) for f in (self.side.u_old, self.side.u))
@@ -153,6 +173,11 @@ class WeightedPairing(RigidPairing):
         old[owned] = old[owned] if motion is None else motion.carried(old[owned])
         self._step = old[owned] - new[owned]
         start, end = (points.interpolate(points.gather_all(x)) for x in (old, new))
+        return start, end
+
+    def crossed(self, closed: Mask) -> Mask:
+        """Tell which open nodes have points that passed right through the obstacle; collective."""
+        points, (start, end) = self.points, self._paths()
         passed = self.obstacle.passed(self, start, end, ~closed[points.node_of_point])
         result = np.zeros(len(closed), dtype=bool)
         result[points.node_of_point[passed]] = True
