@@ -43,6 +43,8 @@ class Prescribed:
     def start(self) -> None:
         """Remember how deep nodes are at the start, after pairs and frames are chosen."""
         self._overlap = np.maximum(-self._pairing.gaps(), 0.0) + touch(self._pairing)
+        most = float(np.max(touch(self._pairing), initial=0.0))
+        self._overlap_between = np.maximum(self._pairing.held_depths(self._held), 0.0) + most
 
     def choose(self, rough: Callable[[], npt.NDArray[np.bool_]]) -> None:
         """Choose again the prescribed directions of each frame, and its first tangent.
@@ -85,7 +87,8 @@ class Prescribed:
         The depth at the beginning does not count; it may come from the facets of a curved surface.
         """
         deeper = np.where(state.takes_part, 0.0, -state.gap - self._overlap)
-        return float(np.max(deeper, initial=0.0))
+        between = self._pairing.held_depths(self._held) - self._overlap_between
+        return float(max(np.max(deeper, initial=0.0), np.max(between, initial=0.0)))
 
     def _refuse_oblique(self, nodes: npt.NDArray[np.bool_]) -> None:
         """Refuse nodes with friction that are held obliquely to the surface; collective."""

@@ -15,7 +15,15 @@ def crossed_nodes(system: ContactSystem) -> list[str]:
     """
     lines = []
     for k, state in zip(system.contacts, system.nodal_states(), strict=True):
-        crossed = k.pairing.crossed(state.states() != OPEN)
+        closed = state.states() != OPEN
+        missed = k.pairing.missed(closed)
+        if number := system.comm.allreduce(int(np.sum(missed))):
+            lines.append(
+                f"{number} nodes of '{k.surface.name}' are open on average, but the obstacle is "
+                "deep in the faces round them: it is smaller than they are; make the mesh finer, or "
+                f"take a displacement of degree 1.{named(k.surface, np.flatnonzero(missed))}"
+            )
+        crossed = k.pairing.crossed(closed)
         if number := system.comm.allreduce(int(np.sum(crossed))):
             lines.append(
                 f"{number} nodes of '{k.surface.name}' went through the obstacle in this step "

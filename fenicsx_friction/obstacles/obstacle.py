@@ -208,6 +208,22 @@ class Pairing(ABC):
         """
         return np.zeros(len(closed), dtype=bool)
 
+    def held_depths(self, held: fem.Function) -> Array:
+        """Return how deep held points beside the nodes are in the obstacle (m), else ``-inf``.
+
+        Args:
+            held: 1 at the dofs of the displacement under a condition, else 0.
+        """
+        return np.zeros(0)
+
+    def missed(self, closed: Mask) -> Mask:
+        """Tell which open nodes have faces that the obstacle enters deeply; collective.
+
+        Args:
+            closed: Owned nodes that a closed contact holds.
+        """
+        return np.zeros(len(closed), dtype=bool)
+
     def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
         """Return which directions are prescribed to both sides; collective.
 

@@ -84,8 +84,13 @@ class RigidObstacle(Obstacle):
         way = self.way(X, u, u_old)
         return ufl.as_vector([*entries(gap, way, normal, hint, axis), *(X + u)])
 
-    def near(self, side: Side) -> RigidObstacle:
-        """Return the same obstacle with a gap that loses no digits at a side's nodes."""
+    def near(self, side: Side, *, nodal: bool = True) -> RigidObstacle:
+        """Return the same obstacle with a gap that loses no digits at a side.
+
+        Args:
+            side: The side.
+            nodal: Whether the gap is evaluated at the nodes only.
+        """
         return self
 
     def rounding(self, pairing: RigidPairing) -> Array:

@@ -28,8 +28,11 @@ class Rigid(Protocol):
     def motion(self) -> RigidMotion | None:
         """Moves the obstacle."""
 
-    def near(self, side: Side) -> Rigid:
-        """Return the same obstacle with a gap that loses no digits at a side's nodes."""
+    def near(self, side: Side, *, nodal: bool = True) -> Rigid:
+        """Return the same obstacle with a gap that loses no digits at a side."""
+
+    def gap_and_normal(self, X: Expr, u: Expr) -> tuple[Expr, Expr]:
+        """Return gap (m) and unit normal of a node."""
 
     def kinematic_values(
         self, X: Expr, u: Expr, u_old: Expr, hint: Expr, axis: Expr | None = None
@@ -52,6 +55,7 @@ class RigidPairing(Pairing):
 
     Attributes:
         obstacle: As given.
+        near: The same, with a gap that loses no digits.
         nodal: Whether the obstacle is met at the nodes, not at other points.
     """
 
@@ -61,8 +65,8 @@ class RigidPairing(Pairing):
         super().__init__(side)
         self.obstacle = obstacle
         X = ufl.SpatialCoordinate(side.surface.mesh)
-        near = obstacle.near(side) if self.nodal else obstacle
-        values = near.kinematic_values(X, side.u, side.u_old, side.hint, self._axis())
+        self.near = obstacle.near(side, nodal=self.nodal)
+        values = self.near.kinematic_values(X, side.u, side.u_old, side.hint, self._axis())
         self._kernel = NodalKernel(self._sites(), values, [side.u])
         self._written = 0
 

@@ -48,7 +48,7 @@ class RigidSphere(RigidObstacle):
         check_dimension(len(self.center), len(X), f"A sphere with center {self.center}")
         return _distance(X, self.center, self.radius, self.pole, self.inside)
 
-    def near(self, side: Side) -> RigidObstacle:
+    def near(self, side: Side, *, nodal: bool = True) -> RigidObstacle:
         """Return the same sphere, its gap measured from a pole near a side."""
         check_dimension(len(self.center), side.d, f"A sphere with center {self.center}")
         direction = _direction(middle(side) - np.asarray(self.center))
@@ -99,7 +99,7 @@ class RigidCylinder(RigidObstacle):
         across = X - ufl.dot(X - point, axis) * axis
         return _distance(across, self.point, self.radius, self.pole, self.inside)
 
-    def near(self, side: Side) -> RigidObstacle:
+    def near(self, side: Side, *, nodal: bool = True) -> RigidObstacle:
         """Return the same cylinder, its gap measured from a line near a side."""
         check_dimension(len(self.point), side.d, f"A cylinder with point {self.point}")
         axis = np.array(unit(self.axis, "The cylinder's axis"))

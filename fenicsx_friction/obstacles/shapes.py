@@ -68,8 +68,10 @@ class RigidPlane(RigidObstacle):
         normal = unit(self.normal, "The plane's normal")
         return ufl.dot(ufl.as_vector(normal), X - ufl.as_vector([*map(float, self.point)]))
 
-    def near(self, side: Side) -> RigidObstacle:
+    def near(self, side: Side, *, nodal: bool = True) -> RigidObstacle:
         """Return the same plane by its point under a side, with the nodes' distances as numbers."""
+        if not nodal:
+            return self
         S, normal = side.surface.S, np.array(unit(self.normal, "The plane's normal"))
         check_dimension(len(normal), side.d, f"A plane with normal {self.normal}")
         distance = fem.Function(S, name="distance_at_start")

@@ -13,12 +13,14 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem
 
 from ..base.collective import any_rank
 from ..surfaces.elements import degree_on_facets
 from ..surfaces.face_points import FacePoints
-from ..surfaces.nodal_kernel import Sites
+from ..surfaces.face_tables import gauss, lattice
+from ..surfaces.nodal_kernel import NodalKernel, Sites
 from .kinematics import Array, frame_slopes, frames, slices
 from .obstacle import Mask
 from .rigid_pairing import Rigid, RigidPairing
@@ -26,6 +28,8 @@ from .side import Side
 
 #: Weights of dofs below this count as none.
 WEIGHTLESS = 1e-12
+#: An obstacle that enters a face by this fraction of its size is not open to it.
+DEEP = 0.1
 
 
 class WeightedPairing(RigidPairing):
@@ -47,9 +51,13 @@ class WeightedPairing(RigidPairing):
 
     def __init__(self, obstacle: Rigid, side: Side) -> None:
         V = side.u.function_space
-        self.points = FacePoints(side.surface, V, 2 * degree_on_facets(V))
+        degree = degree_on_facets(V)
+        self.points = FacePoints(side.surface, V, gauss(side.surface, 2 * degree))
+        self._nodes = FacePoints(side.surface, V, lattice(side.surface, degree))
         self.axis = fem.Function(side.hint.function_space, name="mean_normal")
         super().__init__(obstacle, side)
+        gap, _ = self.near.gap_and_normal(ufl.SpatialCoordinate(side.surface.mesh), side.u)
+        self._gaps = NodalKernel(self._nodes, ufl.as_vector([gap]))
         self.anchor()
 
     def _axis(self) -> fem.Function:
@@ -145,8 +153,25 @@ class WeightedPairing(RigidPairing):
     # -- what else is asked of an obstacle -------------------------------------------------------
 
     def penetration(self) -> float:
-        """Return the largest penetration of a point (m), on this rank."""
-        return float(np.max(-self._kernel.values()[:, 0], initial=0.0))
+        """Return the largest penetration of a point (m), on this rank; corners count, too."""
+        return max(float(np.max(depth, initial=0.0)) for depth in self._depths())
+
+    def _depths(self) -> tuple[Array, Array]:
+        """Return how deep points and nodes of the faces are in the obstacle (m); collective."""
+        return -self._kernel.values()[:, 0], -self._gaps.values()[:, 0]
+
+    def held_depths(self, held: fem.Function) -> Array:
+        """Return how deep wholly held nodes of the faces are in the obstacle (m), else ``-inf``."""
+        nodes = self._nodes
+        fixed = np.all(nodes.interpolate(nodes.gather_all(held.x.array)) > 1.0 - 1e-6, axis=1)
+        return np.where(fixed, self._depths()[1], -np.inf)
+
+    def missed(self, closed: Mask) -> Mask:
+        """Tell which open nodes have faces that the obstacle enters deeply; collective."""
+        deepest = np.zeros(len(closed))
+        for sites, depth in zip((self.points, self._nodes), self._depths(), strict=True):
+            np.maximum.at(deepest, sites.node_of_point, depth)
+        return np.asarray(~closed & (deepest > DEEP * self.side.facet_size()))
 
     def partners(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Return this rank's (blocked) dofs on the surface."""

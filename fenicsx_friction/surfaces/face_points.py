@@ -16,12 +16,16 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
+import ufl
 from dolfinx import fem
+from ufl.algorithms.analysis import extract_type
 from ufl.core.expr import Expr
+from ufl.domain import extract_domains
 
 from ..base.collective import gather_rows
 from ..base.compilation import compiled
-from .face_tables import FaceTables
+from ..base.errors import ContactInputError
+from .face_tables import FaceTables, Rule
 from .surface import ContactSurface, is_nodal
 
 Array = npt.NDArray[np.floating]
@@ -37,7 +41,7 @@ class FacePoints:
     Args:
         surface: The contact surface.
         V: Space of the displacement, continuous Lagrange of any degree.
-        degree: Of the quadrature rule.
+        rule: Points in a facet, and their weights.
 
     Attributes:
         name, mesh, submesh: Those of the surface.
@@ -51,10 +55,10 @@ class FacePoints:
         place: Where the dofs of each corner's face are in the stencil: (corners, dofs).
     """
 
-    def __init__(self, surface: ContactSurface, V: fem.FunctionSpace, degree: int) -> None:
+    def __init__(self, surface: ContactSurface, V: fem.FunctionSpace, rule: Rule) -> None:
         self.name, self.mesh, self.submesh = surface.name, surface.mesh, surface.submesh
         self._surface, self._V, self._comm = surface, V, surface.mesh.comm
-        self._tables = tables = FaceTables(surface, V, degree)
+        self._tables = tables = FaceTables(surface, V, rule)
         faces = tables.gathered()
         first, last = surface.S.dofmap.index_map.local_range
         self._face, corner = np.nonzero((faces.nodes >= first) & (faces.nodes < last))
@@ -122,6 +126,13 @@ class FacePoints:
 
     def evaluator(self, expression: Expr) -> Callable[[], Array]:
         """Return what evaluates an expression over the body's mesh at the points; collective."""
+        foreign = self.submesh.ufl_domain() in extract_domains(expression)
+        if foreign or extract_type(expression, ufl.FacetNormal):
+            raise ContactInputError(
+                f"Contact surface '{self.name}': a gap contains {expression}, which is not known "
+                "at points between the nodes, where a displacement of degree 2 or more meets the "
+                "obstacle; take a Function on the mesh of u."
+            )
         tables, comm, face = self._tables, self._comm, self._face
         made = compiled(fem.Expression, comm)(expression, tables.all_points)
         size = int(np.prod(expression.ufl_shape, dtype=int))

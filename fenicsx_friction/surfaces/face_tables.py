@@ -14,6 +14,21 @@ from .surface import ContactSurface
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
+#: Points in the coordinates of a facet, and their weights.
+Rule = tuple[Array, Array]
+
+
+def gauss(surface: ContactSurface, degree: int) -> Rule:
+    """Return a quadrature rule for the facets of a surface, exact to a degree."""
+    points, weights = basix.make_quadrature(surface.submesh.basix_cell(), degree)
+    return np.asarray(points), np.asarray(weights)
+
+
+def lattice(surface: ContactSurface, degree: int) -> Rule:
+    """Return the points of a Lagrange element on the facets of a surface, without weights."""
+    kind = basix.LatticeType.equispaced
+    points = np.asarray(basix.create_lattice(surface.submesh.basix_cell(), degree, kind, True))
+    return points, np.ones(len(points))
 
 
 @dataclass(frozen=True)
@@ -41,7 +56,7 @@ class FaceTables:
     Args:
         surface: The contact surface.
         V: Space of the displacement.
-        degree: Of the quadrature rule.
+        rule: Points in a facet, and their weights.
 
     Attributes:
         entities: (cell, local facet) of this rank's faces.
@@ -50,12 +65,11 @@ class FaceTables:
         hats: The shape functions of the vertices: (facets, points, vertices of the facet).
     """
 
-    def __init__(self, surface: ContactSurface, V: fem.FunctionSpace, degree: int) -> None:
+    def __init__(self, surface: ContactSurface, V: fem.FunctionSpace, rule: Rule) -> None:
         self._surface, self._V, msh = surface, V, surface.mesh
         cell, tdim = msh.basix_cell(), msh.topology.dim
         self.entities = surface.entities.reshape(-1, 2)
-        rule = basix.make_quadrature(surface.submesh.basix_cell(), degree)
-        on_facet, self._w = (np.asarray(part) for part in rule)
+        on_facet, self._w = rule
         corners, self._vertices = np.asarray(basix.geometry(cell)), basix.topology(cell)[tdim - 1]
         self._at_vertex = np.array(
             [V.dofmap.dof_layout.entity_dofs(0, i)[0] for i in range(len(corners))]
