@@ -20,8 +20,8 @@ def crossed_nodes(system: ContactSystem) -> list[str]:
         if number := system.comm.allreduce(int(np.sum(missed))):
             lines.append(
                 f"{number} nodes of '{k.surface.name}' are open on average, but the obstacle is "
-                "deep in the faces round them: it is smaller than they are; make the mesh finer, or "
-                f"take a displacement of degree 1.{named(k.surface, np.flatnonzero(missed))}"
+                "deep in the faces round them: it is smaller than they are; take a finer mesh, or "
+                f"a displacement of degree 1.{named(k.surface, np.flatnonzero(missed))}"
             )
         crossed = k.pairing.crossed(closed)
         if number := system.comm.allreduce(int(np.sum(crossed))):

@@ -209,19 +209,11 @@ class Pairing(ABC):
         return np.zeros(len(closed), dtype=bool)
 
     def held_depths(self, held: fem.Function) -> Array:
-        """Return how deep held points beside the nodes are in the obstacle (m), else ``-inf``.
-
-        Args:
-            held: 1 at the dofs of the displacement under a condition, else 0.
-        """
+        """Return how deep held points beside the nodes are in the obstacle (m), else ``-inf``."""
         return np.zeros(0)
 
     def missed(self, closed: Mask) -> Mask:
-        """Tell which open nodes have faces that the obstacle enters deeply; collective.
-
-        Args:
-            closed: Owned nodes that a closed contact holds.
-        """
+        """Tell which owned nodes that are not closed have the obstacle deep in faces; collective."""
         return np.zeros(len(closed), dtype=bool)
 
     def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
