@@ -213,7 +213,7 @@ class Pairing(ABC):
         return np.zeros(0)
 
     def missed(self, closed: Mask) -> Mask:
-        """Tell which owned nodes that are not closed have the obstacle deep in faces; collective."""
+        """Tell which nodes that are not closed have the obstacle deep in faces; collective."""
         return np.zeros(len(closed), dtype=bool)
 
     def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
