@@ -268,11 +268,17 @@ def test_a_ball_smaller_than_the_faces_is_no_open_contact():
         model.problem.solve()
 
 
-def test_a_small_ball_is_not_passed_in_small_steps():
-    found = ff.ImplicitObstacle(lambda X: ufl.sqrt((X[0] - 0.5) ** 2 + (X[1] + 0.2) ** 2) - 0.08)
-    model = block("triangle", 3, found, 0.0, name="slowly_")
+@pytest.mark.parametrize("radius", [0.08, 0.02])
+def test_a_small_ball_is_not_passed_in_small_steps(radius):
+    """Also one that is never deep in a face, on the way of a point of quadrature."""
+    x = 0.5  # in the middle of a face, where one of the three points is
+
+    def distance(X):
+        return ufl.sqrt((X[0] - x) ** 2 + (X[1] + 0.2) ** 2) - radius
+
+    model = block("triangle", 3, ff.ImplicitObstacle(distance), 0.0, name="slowly_")
     with pytest.raises(ff.StepFailed, match=r"open on average|went through"):
-        for height in np.arange(0.1, 0.65, 0.05):
+        for height in np.arange(0.1, 0.65, 0.5 * radius):
             model.move(0.0, -height)
             model.problem.solve()
 

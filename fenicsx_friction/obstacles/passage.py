@@ -48,6 +48,7 @@ def through_anything(
     length: Array,
     size: Array,
     open_: Mask,
+    outward: Array | None = None,
 ) -> Mask:
     """Tell which open points' ways pass through the obstacle, by its gap; collective.
 
@@ -61,10 +62,12 @@ def through_anything(
         length: Of the ways (m).
         size: Of the facets round the points (m).
         open_: Points to be tested.
+        outward: Outward normals of the body. Points that start inside the obstacle came in against
+            them, in an earlier step; without, they came in where they are.
     """
     kept = side.u.x.array.copy()
     try:
-        return _sampled(side, look, length, size, open_)
+        return _sampled(side, look, length, size, open_, outward)
     finally:
         side.u.x.array[:] = kept
 
@@ -75,10 +78,13 @@ def _sampled(
     length: Array,
     size: Array,
     open_: Mask,
+    outward: Array | None,
 ) -> Mask:
     """Follow the ways; collective."""
     dive = -DIVE * size
     (gap, before), (last_gap, last_normal) = look(0.0), look(1.0)
+    if outward is not None:
+        before = np.where((gap < dive)[:, None], -outward, before)
     turned = np.sum(before * last_normal, axis=1) < 0.0
     far = open_ & (turned | (length > gap + last_gap))
     passed = np.zeros_like(open_)

@@ -113,7 +113,8 @@ class RigidObstacle(Obstacle):
         """
         length = np.linalg.norm(end - start, axis=1)[: len(open_)]
         look = pairing.look(start, end)
-        return through_anything(pairing.side, look, length, pairing.sizes(), open_)
+        sizes, outward = pairing.sizes(), pairing.outward()
+        return through_anything(pairing.side, look, length, sizes, open_, outward)
 
     def undone(self, x: Array) -> Array:
         """Return the points of the unmoved obstacle that are at ``x`` now, in numbers."""

@@ -118,6 +118,10 @@ class RigidPairing(Pairing):
         """Return the sizes (m) of the facets where the obstacle is met, one a point."""
         return self.side.facet_size()
 
+    def outward(self) -> Array | None:
+        """Return the body's outward normals where open points may be inside the obstacle."""
+        return None
+
     def look(self, start: Array, end: Array) -> Callable[[float], tuple[Array, Array]]:
         """Return what finds gaps and normals on ways, changing the displacement; collective.
 

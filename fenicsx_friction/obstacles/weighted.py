@@ -20,6 +20,7 @@ from ..base.collective import any_rank
 from ..surfaces.elements import degree_on_facets
 from ..surfaces.face_points import FacePoints
 from ..surfaces.face_tables import gauss, lattice
+from ..surfaces.faces import surface_normals
 from ..surfaces.nodal_kernel import NodalKernel, Sites
 from .kinematics import Array, frame_slopes, frames, slices
 from .obstacle import Mask
@@ -211,6 +212,11 @@ class WeightedPairing(RigidPairing):
     def sizes(self) -> Array:
         """Return the sizes (m) of the facets where the obstacle is met, one a point."""
         return self.side.facet_size()[self.points.node_of_point]
+
+    def outward(self) -> Array:
+        """Return the body's outward normals, one a point."""
+        normals = surface_normals(self.side.surface, self.side.u)
+        return np.asarray(normals[self.points.node_of_point])
 
     def look(self, start: Array, end: Array) -> Callable[[float], tuple[Array, Array]]:
         """Return what finds gaps and normals on the ways of the points."""
