@@ -210,13 +210,13 @@ class ContactTerms:
 def _element_matrices(k: Contact, kernel: NodalKernel) -> Array:
     """Return the matrices of a contact's elements: (nodes, dofs, dofs)."""
     k.pairing.update()
-    slopes, d = k.pairing.derivatives()[0], k.pairing.side.d
+    (slopes, weight_slopes), d = k.pairing.derivatives(), k.pairing.side.d
     by_field, by_c, *by_others = kernel.derivatives()
     levers, n, z = k.pairing.levers(), len(slopes), slopes.shape[2]
     sizes = [z, d, *(a.shape[2] for a in by_others)]
     matrix = np.zeros((n, sum(sizes), sum(sizes)))
     forces = levers.shape[2] * d
-    matrix[:, :forces, :z] = -k.pairing.turning().reshape(n, forces, z)
+    matrix[:, :forces, :z] = -k.pairing.turning(slopes, weight_slopes).reshape(n, forces, z)
     matrix[:, :forces, z : z + d] = -levers.reshape(n, d, forces).transpose(0, 2, 1)
     law = np.concatenate([by_field @ slopes, by_c, *by_others], axis=2)
     matrix[:, z : z + d] = law

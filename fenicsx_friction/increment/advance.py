@@ -5,8 +5,6 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from mpi4py import MPI
-
 import numpy as np
 from dolfinx import fem
 
@@ -16,7 +14,7 @@ from ..contact.checks import check_friction, check_metrics, check_normals
 from . import others, snapshot
 from .correctors import CONDENSED_FALLBACKS, FALLBACKS, Attempt
 from .diagnosis import explain, explain_not_finite
-from .predictor import soft_forces
+from .predictor import contact_forces, soft_forces
 from .report import StepReport
 from .system import ContactSystem
 from .trial import Trials, Way
@@ -99,7 +97,7 @@ def _ways(trials: Trials) -> Iterator[Way]:
     """Yield the ways to solve a step, on the boundary first where it can be condensed."""
     system = trials.system
     number, solvers = system.settings.fallbacks, system.solvers
-    contact, soft = _contact_forces(system), soft_forces(system)
+    contact, soft = contact_forces(system), soft_forces(system)
     condensing = solvers.condensing(system.settings.solver)
     if condensing and (forces := solvers.condense()) is not None:
         for attempt in (*_first(system), *CONDENSED_FALLBACKS[:number]):
@@ -184,9 +182,3 @@ def _check_time(dt: fem.Constant) -> None:
             f"problem.dt = {float(dt.value):g} s must be positive and finite: it is the length of "
             "the step, by which slip rates are divided."
         )
-
-
-def _contact_forces(system: ContactSystem) -> float:
-    """Return the contact forces (2-norm over the nodes, N)."""
-    local = sum(float(np.sum((s.area[:, None] * s.c) ** 2)) for s in system.nodal_states())
-    return float(np.sqrt(system.comm.allreduce(local, MPI.SUM)))

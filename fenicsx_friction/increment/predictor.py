@@ -35,6 +35,11 @@ def predict(system: ContactSystem, eps: float, iterations: int | None) -> list[S
     return [report]
 
 
+def contact_forces(system: ContactSystem) -> float:
+    """Return the contact forces (2-norm over the nodes, N)."""
+    return _norm(system, *(s.area[:, None] * s.c for s in system.nodal_states()))
+
+
 def soft_forces(system: ContactSystem) -> float:
     """Return the forces (2-norm, N) that loads and motions of a step can bring to the contacts.
 

@@ -22,7 +22,7 @@ class ContactReport:
         moment: Moment of the contact force about the origin (N m), about ``z`` alone in 2D.
         dissipation: Frictional work of the step (J), each node's at least zero.
         penetration: Largest penetration of a point (m): of the nodes; for displacements with dofs
-            on edges or faces, whose nodes meet the obstacle on average, of the quadrature points.
+            on edges or faces, whose nodes meet the obstacle on average, of all points and corners.
     """
 
     name: str

@@ -83,8 +83,11 @@ def entries(gap: Expr, way: Expr, normal: Expr, hint: Expr, axis: Expr | None = 
         hint: Vector whose projection on the tangent plane is the first tangent (3D only).
         axis: Unit normal of a frame that is carried to this normal, ``None`` to make it here.
     """
-    first = [] if len(normal) == 2 else [first_tangent(normal, hint)]
-    if first and axis is not None:
+    if len(normal) == 2:
+        first = []
+    elif axis is None:
+        first = [first_tangent(normal, hint)]
+    else:
         first = [carried(first_tangent(axis, hint), axis, normal)]
     slip = [ufl.dot(e, way) for e in tangents_of(normal, first)]
     return [gap, *slip, *normal, *(x for e in first for x in e)]

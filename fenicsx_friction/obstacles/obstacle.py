@@ -102,12 +102,12 @@ class Pairing(ABC):
         """
         return np.asarray(self.weights()[:, None, :, None] * self.frames()[:, :, None])
 
-    def turning(self) -> Array:
+    def turning(self, slopes: Array, weight_slopes: Array | None) -> Array:
         """Return how the stencil turns the forces over the area: (nodes, points, d, z); collective.
 
-        The multipliers are those of now. ``z`` are the stencil's positions, flattened.
+        The multipliers are those of now. ``z`` are the stencil's positions, flattened. The
+        arguments are those of :meth:`derivatives`.
         """
-        slopes, weight_slopes = self.derivatives()
         d, c = self.side.d, self.side.nodal(self.side.c)
         turned = np.einsum("nk,nkdz->ndz", c, frame_slopes(self.values(), slopes, d))
         result = self.weights()[:, :, None, None] * turned[:, None]

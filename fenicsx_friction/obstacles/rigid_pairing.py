@@ -78,12 +78,16 @@ class RigidPairing(Pairing):
         """Return the points where the obstacle is met: the nodes."""
         return self.side.surface
 
+    def _averages(self, values: Array) -> Array:
+        """Return the entries of the field at the nodes from those where the obstacle is met."""
+        return values
+
     def update(self) -> None:
         """Follow the displacement, as far as it has changed; collective."""
         version = self._kernel.version()
         if not any_rank(self.side.surface.mesh.comm, version != self._written):
             return
-        values = self._kernel.values()
+        values = self._averages(self._kernel.values())
         self.field.x.array[: values.size] = values.ravel()
         self.field.x.scatter_forward()
         self._written = version

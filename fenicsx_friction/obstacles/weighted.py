@@ -16,7 +16,6 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from ..base.collective import any_rank
 from ..surfaces.elements import degree_on_facets
 from ..surfaces.face_points import FacePoints
 from ..surfaces.face_tables import gauss, lattice
@@ -71,15 +70,9 @@ class WeightedPairing(RigidPairing):
 
     # -- kinematics ------------------------------------------------------------------------------
 
-    def update(self) -> None:
-        """Follow the displacement, as far as it has changed; collective."""
-        version = self._kernel.version()
-        if not any_rank(self.side.surface.mesh.comm, version != self._written):
-            return
-        values = self.points.average(self._kernel.values())
-        self.field.x.array[: values.size] = values.ravel()
-        self.field.x.scatter_forward()
-        self._written = version
+    def _averages(self, values: Array) -> Array:
+        """Return the averages of the nodes."""
+        return self.points.average(values)
 
     def derivatives(self) -> tuple[Array, None]:
         """Return the derivatives of the field by the displacements of the stencil."""
@@ -103,12 +96,12 @@ class WeightedPairing(RigidPairing):
         n, m, _ = levers.shape
         return levers.reshape(n, m, d, d).transpose(0, 2, 1, 3)
 
-    def turning(self) -> Array:
+    def turning(self, slopes: Array, weight_slopes: Array | None) -> Array:
         """Return how the stencil turns the forces over the area: not at all at a plane."""
-        values, slopes = self._kernel.values(), self._kernel.derivatives()[0]
+        values, at_points = self._kernel.values(), self._kernel.derivatives()[0]
         d, (n, m) = self.side.d, self.points.stencil.shape
         c = self.side.nodal(self.side.c)[self.points.node_of_point]
-        turned = np.einsum("nk,nkdz->ndz", c, frame_slopes(values, slopes, d))
+        turned = np.einsum("nk,nkdz->ndz", c, frame_slopes(values, at_points, d))
         if not np.any(turned):
             return np.zeros((n, m, d, m * d))
         spread = self.points.spread_twice(turned.reshape(-1, d * d)).reshape(n, m, m, d, d)

@@ -109,7 +109,7 @@ class FacePoints:
         """The displacement's (blocked) dofs on the surface that this rank owns."""
         return self._owned.astype(np.int32)
 
-    @property
+    @cached_property
     def node_of_point(self) -> Indices:
         """The owned node of each point."""
         return np.repeat(self.node, self.share.shape[1])
@@ -117,7 +117,7 @@ class FacePoints:
     def reader(self, f: fem.Function) -> Callable[[], Array] | None:
         """Return what reads a displacement at the points, or a node's vector at all of its own."""
         V = f.function_space
-        if V is self._V or V == self._V:
+        if V == self._V:
             return lambda: self.interpolate(self.gather_all(f.x.array))
         if V.mesh is self.submesh and is_nodal(V):
             n, bs, nodes = self._surface.num_owned, V.dofmap.index_map_bs, self.node_of_point
