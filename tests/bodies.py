@@ -68,6 +68,8 @@ def stack(
     warp=None,
     obstacle=None,
     linear_solver="auto",
+    method=None,
+    degree=1,
     **settings,
 ) -> Stack:
     """Build a block on a base; lengths (m), ``E`` (Pa) of both or of the block and the base.
@@ -76,6 +78,8 @@ def stack(
         hold: Further prescribed components: (marker, component) pairs, held at zero.
         warp: Moves the nodes, ``(3, n)`` to the same.
         obstacle: Obstacle in place of the base's surface.
+        method: How the bodies meet.
+        degree: Of the displacement.
     """
     d = len(upper)
     msh = joined(comm, box(*base, lower, cell), box(*top, upper, cell))
@@ -85,7 +89,7 @@ def stack(
     tags = sides(msh, up, (base[0][up], base[1][up], level, top[1][up]), eps)
     if warp is not None:
         msh.geometry.x[:, :d] = warp(msh.geometry.x[:, :d].T).T
-    V = fem.functionspace(msh, ("Lagrange", 1, (d,)))
+    V = fem.functionspace(msh, ("Lagrange", degree, (d,)))
     u, v = fem.Function(V, name="u"), ufl.TestFunction(V)
     moduli = np.broadcast_to(E, 2)
     D0 = fem.functionspace(msh, ("DG", 0))
@@ -107,7 +111,9 @@ def stack(
     contact = ff.Contact(
         ff.ContactSurface(msh, tags, 1, "secondary"),
         obstacle
-        or ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2, "primary"), search=search),
+        or ff.DeformableObstacle(
+            ff.ContactSurface(msh, tags, 2, "primary"), search=search, method=method
+        ),
         ff.Coulomb(mu) if not isinstance(mu, ff.FrictionLaw) else mu,
     )
     problem = ff.FrictionalContactProblem(

@@ -21,7 +21,7 @@ from .report import StepReport
 from .system import ContactSystem
 
 #: Searches for the faces that nodes meet, each but the last followed by a solve.
-MAX_SEARCHES = 6
+MAX_SEARCHES = 12
 
 
 class Way(NamedTuple):
@@ -173,8 +173,8 @@ def _settle(system: ContactSystem, attempt: Attempt) -> list[SubstepReport]:
         reports.append(polish(system, attempt))
         if reports[-1].converged:
             reports += rebalance(system, attempt)
-        if not reports[-1].converged:
-            break
+        if not reports[-1].converged or reports[-1].iterations == 0:
+            break  # what has changed makes no difference
     return reports
 
 

@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 from ..base.errors import ContactInputError
 from ..surfaces.elements import nodal_on_facets
 from ..surfaces.surface import ContactSurface
+from .mortar import Mortar
 from .node_to_face import NodeToFace
 from .obstacle import Obstacle
 from .search import SearchPolicy
 from .side import Side
+from .two_bodies import TwoBodies
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +29,7 @@ class DeformableObstacle(Obstacle):
 
     primary: ContactSurface
     search: SearchPolicy | None = field(default=None, kw_only=True)
+    method: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check surface and policy."""
@@ -40,16 +43,17 @@ class DeformableObstacle(Obstacle):
                 f"DeformableObstacle: search = {self.search!r} must be a SearchPolicy, or None."
             )
 
-    def meet(self, side: Side) -> NodeToFace:
+    def meet(self, side: Side) -> TwoBodies:
         """Return the pairing of a side's nodes with the faces; collective.
 
         Raises:
             ContactInputError: If the displacement has dofs on edges or faces.
         """
-        if not nodal_on_facets(side.u.function_space):
+        if self.method != "mortar" and not nodal_on_facets(side.u.function_space):
             raise ContactInputError(
                 f"The displacement, of {side.u.function_space.ufl_element()}, has dofs on edges or "
                 "facets; contact between deformable bodies is node to face and needs P1, Q1 or "
                 "MINI. Against rigid obstacles any degree works."
             )
-        return NodeToFace(self.primary, self.search or SearchPolicy(), side)
+        kind = Mortar if self.method == "mortar" else NodeToFace
+        return kind(self.primary, self.search or SearchPolicy(), side)

@@ -6,22 +6,19 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
 from ..base.collective import any_rank
-from ..surfaces.face_cells import Array, normals, project
-from ..surfaces.faces import FaceSet
+from ..surfaces.face_cells import Array, project
 from ..surfaces.surface import ContactSurface
-from .crossing import Motion, find_crossed
 from .face_pairs import FacePairs
-from .obstacle import Mask, Pairing, View
+from .obstacle import Mask
 from .pair_kernel import PairGeometry, PairKernel
-from .search import TIE, Pairs, SearchPolicy, nearest_faces
+from .search import Pairs, SearchPolicy
 from .side import Side
+from .two_bodies import TwoBodies
 
 #: Ratio of face sizes from which the secondary surface should be the primary one.
 COARSE = 1.5
@@ -29,26 +26,14 @@ COARSE = 1.5
 WEIGHTLESS = 1e-8
 
 
-class NodeToFace(Pairing):
+class NodeToFace(TwoBodies):
     """Nodes that meet faces of a deformable body.
 
     A stencil is the node, its face's nodes, and those of the face from where its slip starts.
-
-    Args:
-        primary: The primary surface.
-        policy: How pairs are found.
-        side: The secondary side.
-
-    Attributes:
-        faces: The faces of the primary surface on all ranks.
     """
 
-    deformable = tilted = True
-
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
-        super().__init__(side)
-        self.primary, self.policy = primary, policy
-        self.faces, self._secondary = FaceSet(primary, side.u), FaceSet(side.surface, side.u)
+        super().__init__(primary, policy, side)
         self._warn_of_coarse_nodes()
         n = side.surface.num_owned
         self._kernel = PairKernel(side.surface.mesh.comm, self.faces.cell, side.d, n)
@@ -83,7 +68,7 @@ class NodeToFace(Pairing):
         rows[:, :size] = values[:, :size]
         alone = ~self.pairs.paired
         if np.any(alone):
-            rows[alone, :size] = self._without_face(alone)
+            rows[alone, :size] = self.alone(alone)
         rows[:, size:] = self._secondary.X[self._secondary.own] + self.side.owned(
             self.side.u.x.array
         )
@@ -142,19 +127,6 @@ class NodeToFace(Pairing):
         z = np.concatenate([x[:, None], around], axis=1)
         return PairGeometry(z, xi, self._history.old_weights, self.side.nodal(self.side.hint))
 
-    def _without_face(self, alone: Mask) -> Array:
-        """Return the field of nodes that meet no face: open, with a frame of their own."""
-        d, own = self.side.d, self._secondary.own
-        normal = -self._secondary.node_normals(self._secondary.X)[own][alone]
-        reach = self.policy.distance(self.faces)
-        parts = [np.full((len(normal), 1), reach), np.zeros((len(normal), d - 1)), normal]
-        if d == 3:
-            hint = self.side.nodal(self.side.hint)[alone]
-            first = hint - np.sum(hint * normal, axis=1)[:, None] * normal
-            length = np.linalg.norm(first, axis=1)[:, None]
-            parts.append(first / np.where(length > 0.0, length, 1.0))
-        return np.hstack(parts)
-
     # -- from step to step -----------------------------------------------------------------------
 
     @property
@@ -190,33 +162,9 @@ class NodeToFace(Pairing):
 
     # -- what else is asked of an obstacle -------------------------------------------------------
 
-    def view(self, u: fem.Function) -> View:
-        """Return how the faces look at the nodes; collective.
-
-        The cosine is the smallest of all faces. The gap is that of the nearest face, which may
-        look away from the node.
-        """
-        x, own = self._secondary.positions(u), self._secondary.own
-        directions, face_x = self._secondary.node_normals(x)[own], self.faces.positions(u)
-        centers = np.tile(self.faces.cell.center, (len(self.faces.faces), 1))
-        outward = normals(self.faces.cell, face_x[self.faces.faces], centers)
-        cosine = np.array([np.min(outward @ direction) for direction in directions])
-        near = nearest_faces(self.faces, face_x, x[own])
-        reach, over = self.policy.distance(self.faces), near.overhang <= TIE
-        looks = np.sum(outward[near.face] * directions, axis=1) < 0.0
-        lost = np.where(over & looks & (near.gap < -reach), -near.gap, 0.0)
-        return View(cosine, np.where(over & (near.gap >= -reach), near.gap, np.inf), lost)
-
-    def crossed(self, closed: Mask) -> Mask:
-        """Tell which nodes have gone through faces since the last step; collective."""
-        motion = Motion.between(self.faces, self._secondary, (self.side.u_old, self.side.u))
-        return find_crossed(self.faces, motion, ~closed, self._history.start.face)
-
-    def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
-        """Return the smallest stiffness over area (Pa/m) of the primary nodes; collective."""
-        values = diagonal[self.partners(V)] / self.primary.area.x.array[: self.primary.num_owned]
-        comm = self.primary.mesh.comm
-        return float(comm.allreduce(float(np.min(values, initial=np.inf)), MPI.MIN))
+    def started(self) -> npt.NDArray[np.int64]:
+        """Return the face of each node at the start of the step, or -1."""
+        return self._history.start.face
 
     def partners(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Return the (blocked) dofs of this rank's primary nodes."""

@@ -21,18 +21,14 @@ from ..surfaces.face_points import FacePoints
 from ..surfaces.face_tables import gauss, lattice
 from ..surfaces.faces import surface_normals
 from ..surfaces.nodal_kernel import NodalKernel, Sites
+from .averaged import DEEP, Averaged
 from .kinematics import Array, frame_slopes, frames, slices
 from .obstacle import Mask
 from .rigid_pairing import Rigid, RigidPairing
 from .side import Side
 
-#: Weights of dofs below this count as none.
-WEIGHTLESS = 1e-12
-#: An obstacle that enters a face by this fraction of its size is not open to it.
-DEEP = 0.1
 
-
-class WeightedPairing(RigidPairing):
+class WeightedPairing(Averaged, RigidPairing):
     """Nodes that meet a rigid obstacle on average over their faces.
 
     A stencil are the displacement's dofs of the faces round the node.
@@ -114,27 +110,6 @@ class WeightedPairing(RigidPairing):
     def area(self) -> Array:
         """Return the integrals of the nodes' hats."""
         return np.asarray(self.points.area)
-
-    def traction(self) -> Array:
-        """Return the tractions in global axes: forces over areas."""
-        self.update()
-        c = self.side.nodal(self.side.c)
-        return np.asarray(np.einsum("nk,nkpd->nd", c, self.levers()))
-
-    def normals(self) -> Array:
-        """Return the unit normals along the averages."""
-        return self.frames()[:, 0]
-
-    def frames(self) -> Array:
-        """Return frames along the averages, made orthonormal."""
-        values, (normal, *first) = self.values().copy(), slices(self.side.d)[2:-1]
-        n = values[:, slice(*normal)]
-        n /= np.linalg.norm(n, axis=1, keepdims=True)
-        for where in first:
-            e = values[:, slice(*where)]
-            e -= np.sum(e * n, axis=1, keepdims=True) * n
-            e /= np.linalg.norm(e, axis=1, keepdims=True)
-        return frames(values, self.side.d)
 
     def acting(self) -> tuple[Array, Array]:
         """Return all points (m) and the forces on the body there (N)."""
@@ -223,13 +198,3 @@ class WeightedPairing(RigidPairing):
             return found[:, 0], found[:, where]
 
         return at
-
-    def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
-        """Keep the directions in which all that the average depends on is prescribed.
-
-        A node keeps its own, as on symmetry planes, unless all its directions are prescribed.
-        """
-        held = self.gather(fixed.x.array, missing=1.0) > 0.5
-        ignored = abs(self.weights()) < WEIGHTLESS
-        symmetry = nodes & ~np.all(nodes, axis=1, keepdims=True)
-        return np.asarray(symmetry | np.all(held | ignored[:, :, None], axis=1))

@@ -27,6 +27,7 @@ from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from .face_tables import FaceTables, Rule
 from .surface import ContactSurface, is_nodal
+from .surface_dofs import SurfaceDofs
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -76,15 +77,10 @@ class FacePoints:
 
     def _number_dofs(self, dofs: Indices) -> None:
         """Number the displacement's dofs of the surface, and those round each node."""
-        index_map = self._V.dofmap.index_map
-        self._dofs = np.unique(dofs)  # of all ranks, in the order of their owners
-        start, end = index_map.local_range
-        self._owned = self._dofs[(self._dofs >= start) & (self._dofs < end)] - start
-        self._counts = np.array(self._comm.allgather(len(self._owned)))
-        self._corner_dofs = np.searchsorted(self._dofs, dofs[self._face])
+        self._dofs = SurfaceDofs(self._V, dofs)
+        self._corner_dofs = self._dofs.places(dofs[self._face])
         n, (corners, k) = self._surface.num_owned, self._corner_dofs.shape
-        own = index_map.local_to_global(self._surface.parent_dofs(self._V)[:n].astype(np.int32))
-        own = np.searchsorted(self._dofs, own)
+        own = self._dofs.places_of_local(self._surface.parent_dofs(self._V)[:n])
         node = np.repeat(self.node, k)
         # The node's own dof first, then the others by their number.
         later = (self._corner_dofs != own[self.node][:, None]).ravel()
@@ -107,7 +103,7 @@ class FacePoints:
     @property
     def owned_dofs(self) -> npt.NDArray[np.int32]:
         """The displacement's (blocked) dofs on the surface that this rank owns."""
-        return self._owned.astype(np.int32)
+        return self._dofs.owned
 
     @cached_property
     def node_of_point(self) -> Indices:
@@ -153,8 +149,7 @@ class FacePoints:
 
     def gather_all(self, values: npt.NDArray) -> npt.NDArray:
         """Return the entries of an array over the displacement's dofs at the whole surface."""
-        rows = values.reshape(-1, self._V.dofmap.index_map_bs)[self._owned]
-        return gather_rows(self._comm, rows, self._counts)
+        return self._dofs.gather(values)
 
     def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
         """Return the entries at the stencils: (nodes, dofs, d); collective."""

@@ -41,6 +41,7 @@ class Faces:
         kind: Its local number in its cell.
         weights: Of its points, with the element of area (m²; m in 2D).
         x: Reference coordinates of its points (m).
+        outward: 1 where the normal of its coordinates points out of the body, else -1.
     """
 
     nodes: Indices
@@ -48,6 +49,7 @@ class Faces:
     kind: Indices
     weights: Array
     x: Array
+    outward: Array
 
 
 class FaceTables:
@@ -81,6 +83,8 @@ class FaceTables:
         linear = basix.ufl.element("Lagrange", cell, 1)
         shapes, hats = [], []
         self._points, self._axes = [], []
+        middle = corners.mean(axis=0)
+        self._points_out = np.array([corners[v].mean(axis=0) - middle for v in self._vertices])
         for vertices, dofs in zip(self._vertices, self._closure, strict=True):
             origin, *others = corners[vertices]
             axes = np.array(others[: tdim - 1]) - origin
@@ -95,8 +99,8 @@ class FaceTables:
     def gathered(self) -> Faces:
         """Return the faces of all ranks; collective."""
         cells, kind = self.entities[:, 0], self.entities[:, 1].astype(np.int64)
-        x, weights = self._geometry(cells, kind)
-        own = (self._nodes(cells, kind), self._dofs(cells, kind), kind, weights, x)
+        x, weights, outward = self._geometry(cells, kind)
+        own = (self._nodes(cells, kind), self._dofs(cells, kind), kind, weights, x, outward)
         parts = self._surface.mesh.comm.allgather(own)
         return Faces(*(np.concatenate(group) for group in zip(*parts, strict=True)))
 
@@ -118,8 +122,8 @@ class FaceTables:
         numbers = S.dofmap.index_map.local_to_global(node[local].ravel())
         return np.asarray(numbers.reshape(local.shape))
 
-    def _geometry(self, cells: npt.NDArray, kind: Indices) -> tuple[Array, Array]:
-        """Return places and weights of the points."""
+    def _geometry(self, cells: npt.NDArray, kind: Indices) -> tuple[Array, Array, Array]:
+        """Return places and weights of the points, and which way their normals point."""
         geometry = self._surface.mesh.geometry
         d, tdim = geometry.dim, self._surface.mesh.topology.dim
         domain = self._surface.mesh.ufl_domain()
@@ -130,8 +134,14 @@ class FaceTables:
         x = np.einsum("fqk,fkd->fqd", tables[kind, 0], nodes)
         J = np.einsum("ftqk,fkd->fqdt", tables[kind, 1 : 1 + tdim], nodes)
         tangents = np.einsum("fqdt,fat->fqad", J, np.array(self._axes)[kind])
-        if d == 2:
-            size = np.linalg.norm(tangents[:, :, 0], axis=2)
-        else:
-            size = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2)
-        return x, size * self._w
+        normals = normals_of(tangents)
+        out = self._points_out[kind]
+        outward = np.sign(np.einsum("fd,fdt,ft->f", normals[:, 0], J[:, 0], out))
+        return x, np.linalg.norm(normals, axis=2) * self._w, outward
+
+
+def normals_of(tangents: Array) -> Array:
+    """Return normals (..., d) of tangents (..., d - 1, d), with the element of area as length."""
+    if tangents.shape[-1] == 2:
+        return np.stack([tangents[..., 0, 1], -tangents[..., 0, 0]], axis=-1)
+    return np.asarray(np.cross(tangents[..., 0, :], tangents[..., 1, :]))

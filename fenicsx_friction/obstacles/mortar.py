@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: MIT
+"""Mortar: nodes meet another body on average over the parts of the surfaces that face each other.
+
+The parts are found anew after each solve, as the faces of node-to-face contact are; within a solve
+they do not change.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from ..base.collective import any_rank
+from ..surfaces.lagrange_faces import LagrangeFaces
+from ..surfaces.surface import ContactSurface
+from .averaged import DEEP, Averaged
+from .kinematics import Array
+from .mortar_element import Bodies, MortarElement
+from .obstacle import Mask
+from .old_points import points_before
+from .search import SearchPolicy, find_pairs
+from .segments import Segments, find_segments
+from .shares import Shares, find_shares
+from .side import Side
+from .two_bodies import TwoBodies
+
+#: Positions of the dofs of both surfaces (m).
+Positions = tuple[Array, Array]
+
+
+class Mortar(Averaged, TwoBodies):
+    """Nodes that meet another body on average.
+
+    A stencil are the displacement's dofs of the faces round the node, of the faces that they see,
+    and of those that they saw at the start of the step.
+
+    Args:
+        primary: The primary surface.
+        policy: How far the surfaces see each other: its ``reach``.
+        side: The secondary side.
+    """
+
+    #: What :meth:`save` keeps: objects that are replaced, never changed.
+    _STATE = ("_element", "_seen", "_start", "_axis", "version")
+
+    def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
+        super().__init__(primary, policy, side)
+        V = side.u.function_space
+        self._bodies = Bodies(LagrangeFaces(side.surface, V), LagrangeFaces(primary, V))
+        n, first = side.surface.num_owned, self._secondary.own.start
+        self._own = self._bodies.secondary.rows.places_of_local(side.parent_dofs[:n])
+        nodes = self._bodies.secondary.nodes
+        mine = np.any((nodes >= first) & (nodes < first + n), axis=1)
+        near = np.any(np.isin(nodes, nodes[mine]), axis=1)
+        self._wanted = np.repeat(near, len(self._bodies.secondary.corners))
+        self._full = self._secondary.gather(side.surface.area.x.array[:n])
+        self._origin = self._bodies.secondary.X[0].copy()
+        self._inputs_before: tuple[Array, ...] | None = None
+        self._last_version = 0
+        self.anchor()
+
+    # -- kinematics ------------------------------------------------------------------------------
+
+    def update(self) -> None:
+        """Follow the displacement, as far as it has changed; collective."""
+        now, before = self._inputs(), self._inputs_before
+        changed = before is None or not all(map(np.array_equal, now, before))
+        if not any_rank(self.primary.mesh.comm, changed):
+            return
+        self._inputs_before = None  # until all is written: an interrupt may come
+        element = self._element
+        x = self._positions(self.side.u.x.array)
+        element.evaluate(x, self._axis, self.side.nodal(self.side.hint))
+        n, width = self.side.surface.num_owned, self.field.function_space.dofmap.bs
+        rows = self.field.x.array[: n * width].reshape(n, width)
+        rows[:] = element.values()
+        d, alone = self.side.d, self._alone()
+        rows[:, width - d :] += self._shift(self.side.u.x.array)
+        if np.any(alone):
+            rows[alone, : width - d] = self.alone(alone)
+            places = self._secondary.X[self._secondary.own] + self.side.owned(self.side.u.x.array)
+            rows[alone, width - d :] = places[alone]
+        self.field.x.scatter_forward()
+        failed = np.zeros(n, dtype=bool)
+        failed[element.shares.node[element.failed[element.shares.point]]] = True
+        self.lost = failed
+        self._inputs_before = now
+
+    def derivatives(self) -> tuple[Array, None]:
+        """Return the derivatives of the field by the positions of the stencil."""
+        slopes = self._element.slopes()
+        alone, d = self._alone(), self.side.d
+        slopes[alone] = 0.0
+        slopes[alone, -d:, 0] = np.eye(d)
+        return slopes.reshape(*slopes.shape[:2], -1), None
+
+    def weights(self) -> Array:
+        """Return the shares of the force where all normals are the same."""
+        self.update()
+        return self._element.weights()
+
+    def levers(self) -> Array:
+        """Return the forces of unit multipliers over the area."""
+        return self._element.levers() * self._cover()[:, None, None, None]
+
+    def body_levers(self) -> Array:
+        """Return the levers of the secondary surface."""
+        own = self._element.stencil < len(self._bodies.secondary.X)
+        return self.levers() * own[:, None, :, None]
+
+    def turning(self, slopes: Array, weight_slopes: Array | None) -> Array:
+        """Return how the stencil turns the forces over the area."""
+        turned = self._element.turning(self.side.nodal(self.side.c))
+        n, m, d = turned.shape[:3]
+        return turned.reshape(n, m, d, m * d) * self._cover()[:, None, None, None]
+
+    def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
+        """Return the entries at the stencils."""
+        stencil = self._element.stencil
+        around = np.concatenate(self._rows(values))[stencil]
+        around[stencil < 0] = missing
+        return around
+
+    def _rows(self, values: npt.NDArray) -> tuple[npt.NDArray, npt.NDArray]:
+        """Return the entries of a local array at the dofs of both surfaces; collective."""
+        return self._bodies.secondary.rows.gather(values), self._bodies.primary.rows.gather(values)
+
+    def _inputs(self) -> tuple[Array, ...]:
+        """Return all of this rank that the kinematics depend on."""
+        u, hint = self.side.u.x.array.reshape(-1, self.side.d), self.side.nodal(self.side.hint)
+        owned = [body.rows.owned for body in (self._bodies.secondary, self._bodies.primary)]
+        return u[owned[0]], u[owned[1]], hint.copy()
+
+    def _positions(self, u: Array) -> Positions:
+        """Return the positions of all dofs, from where one of them is; collective.
+
+        So neither large coordinates nor a common motion add rounding.
+        """
+        shift, rows = self._shift_of(u), self._rows(u)
+        bodies = (self._bodies.secondary, self._bodies.primary)
+        first, second = (
+            (body.X - self._origin) + (row - shift) for body, row in zip(bodies, rows, strict=True)
+        )
+        return first, second
+
+    def _shift_of(self, u: Array) -> Array:
+        """Return the displacement of the dof from where positions count; collective."""
+        return np.asarray(self._bodies.secondary.rows.gather(u)[0])
+
+    def _shift(self, u: Array) -> Array:
+        """Return the place from where positions count (m); collective."""
+        return np.asarray(self._origin + self._shift_of(u))
+
+    def _alone(self) -> Mask:
+        """Tell which owned nodes meet nothing."""
+        return np.asarray(self._element.shares.covered == 0.0)
+
+    def _cover(self) -> Array:
+        """Return what is covered of the owned nodes' areas."""
+        return self._element.shares.covered / self.area()
+
+    # -- from step to step -----------------------------------------------------------------------
+
+    def anchor(self) -> None:
+        """Find what the surfaces see of each other at ``u_old``; collective."""
+        u_old = self.side.u_old.x.array
+        x = self._positions(u_old)
+        normals = self._secondary.node_normals(self._secondary.positions(self.side.u_old))
+        self._axis = -normals[self._secondary.own]
+        held = self._secondary.gather(self.side.nodal(self.side.c)[:, 0] > 0.0)
+        self._start = (x, self._see(x))
+        self._take(self._start[1], held)
+
+    def search(self) -> bool:
+        """Find again what the surfaces see of each other; collective."""
+        found, now = self._see(self._positions(self.side.u.x.array)), self._seen
+        same = len(found.patch) == len(now.patch) and np.array_equal(found.xi, now.xi)
+        same = same and np.array_equal(found.face, now.face)
+        changed = any_rank(self.primary.mesh.comm, not same)
+        if changed:
+            self._take(found, self._secondary.gather(self._element.shares.covered > 0.0))
+        return changed
+
+    def _see(self, x: Positions) -> Segments:
+        """Return what the patches of this rank's nodes see."""
+        reach = self.policy.distance(self.faces)
+        return find_segments(self._bodies.secondary, self._bodies.primary, x, reach, self._wanted)
+
+    def _take(self, points: Segments, kept: Mask) -> None:
+        """Average over these points from now on; collective."""
+        self._seen = points
+        secondary, own = self._bodies.secondary, self._secondary.own
+        face = secondary.face_of(points.patch)
+        weights = secondary.hats(points.xi) * points.weight[:, None]
+        shares = find_shares(secondary.nodes, face, weights, self._full, kept)
+        mine = (shares.node >= own.start) & (shares.node < own.stop)
+        used, point = np.unique(shares.point[mine], return_inverse=True)
+        node = shares.node[mine] - own.start
+        shares = Shares(node, point.ravel(), shares.value[mine], shares.covered[own])
+        points = points.take(used)
+        old = points_before(self._bodies, points, *self._start)
+        element = MortarElement(self._bodies, points, old, shares, self._own)
+        comm = self.primary.mesh.comm
+        element.widen(comm.allreduce(element.stencil.shape[1], MPI.MAX))
+        self._element, self._inputs_before = element, None
+        self.version = self._last_version = self._last_version + 1
+
+    def save(self) -> object:
+        """Return what a step changes here."""
+        return {name: getattr(self, name) for name in self._STATE}
+
+    def restore(self, saved: Any) -> None:
+        """Put it back, with its version, which nothing else ever has."""
+        vars(self).update(saved)
+        self._inputs_before = None
+
+    # -- what else is asked of an obstacle -------------------------------------------------------
+
+    def started(self) -> npt.NDArray[np.int64]:
+        """Return the face of each node at the start of the step, or -1; collective."""
+        u_old = self.side.u_old
+        x, own = self._secondary.positions(u_old), self._secondary.own
+        held, directions = (
+            np.ones(own.stop - own.start, dtype=bool),
+            self._secondary.node_normals(x),
+        )
+        parts = (
+            self.faces,
+            self.faces.positions(u_old),
+            x[own],
+            directions[own],
+            self.policy,
+            held,
+        )
+        return find_pairs(*parts).face
+
+    def acting(self) -> tuple[Array, Array]:
+        """Return all points (m) and the forces on the body there (N); collective."""
+        self.update()
+        forces = self._element.point_forces(self.side.nodal(self.side.c))
+        return self._element.x + self._shift(self.side.u.x.array), forces
+
+    def penetration(self) -> float:
+        """Return the largest penetration of a point (m), on this rank; collective."""
+        self.update()
+        return float(np.max(-self._element.gap, initial=0.0))
+
+    def missed(self, closed: Mask) -> Mask:
+        """Tell which open nodes have points deep in the other body; collective."""
+        self.update()
+        shares, deepest = self._element.shares, np.zeros(len(closed))
+        np.maximum.at(deepest, shares.node, -self._element.gap[shares.point])
+        return np.asarray(~closed & (deepest > DEEP * self.side.facet_size()))
+
+    def partners(self, V: Any) -> npt.NDArray[np.int32]:
+        """Return this rank's (blocked) dofs on both surfaces."""
+        return np.union1d(self._bodies.secondary.rows.owned, self._bodies.primary.rows.owned)
+
+    def rounding(self) -> Array:
+        """Return the distance of each node from where positions count (m); collective."""
+        self.update()
+        x = self._positions(self.side.u.x.array)
+        return np.asarray(np.max(abs(x[0][self._own]), axis=1))

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: MIT
+"""What all contact between two deformable bodies has in common: two surfaces that see each other."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..surfaces.face_cells import normals
+from ..surfaces.faces import FaceSet
+from ..surfaces.surface import ContactSurface
+from .crossing import Motion, find_crossed
+from .kinematics import Array
+from .obstacle import Mask, Pairing, View
+from .search import TIE, SearchPolicy, nearest_faces
+from .side import Side
+
+
+class TwoBodies(Pairing):
+    """A secondary surface that meets the primary surface of another body.
+
+    Args:
+        primary: The primary surface.
+        policy: How they are searched.
+        side: The secondary side.
+
+    Attributes:
+        faces: The faces of the primary surface on all ranks.
+    """
+
+    deformable = tilted = True
+
+    def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
+        super().__init__(side)
+        self.primary, self.policy = primary, policy
+        self.faces, self._secondary = FaceSet(primary, side.u), FaceSet(side.surface, side.u)
+
+    @abstractmethod
+    def started(self) -> npt.NDArray[np.int64]:
+        """Return the face of each owned node at the last accepted displacement, or -1."""
+
+    def alone(self, nodes: Mask) -> Array:
+        """Return the field of nodes that meet nothing, but for the position: open, with a frame."""
+        d, own = self.side.d, self._secondary.own
+        normal = -self._secondary.node_normals(self._secondary.X)[own][nodes]
+        reach = self.policy.distance(self.faces)
+        parts = [np.full((len(normal), 1), reach), np.zeros((len(normal), d - 1)), normal]
+        if d == 3:
+            hint = self.side.nodal(self.side.hint)[nodes]
+            first = hint - np.sum(hint * normal, axis=1)[:, None] * normal
+            length = np.linalg.norm(first, axis=1)[:, None]
+            parts.append(first / np.where(length > 0.0, length, 1.0))
+        return np.hstack(parts)
+
+    def view(self, u: fem.Function) -> View:
+        """Return how the faces look at the nodes; collective.
+
+        The cosine is the smallest of all faces. The gap is that of the nearest face, which may
+        look away from the node.
+        """
+        x, own = self._secondary.positions(u), self._secondary.own
+        directions, face_x = self._secondary.node_normals(x)[own], self.faces.positions(u)
+        centers = np.tile(self.faces.cell.center, (len(self.faces.faces), 1))
+        outward = normals(self.faces.cell, face_x[self.faces.faces], centers)
+        cosine = np.array([np.min(outward @ direction) for direction in directions])
+        near = nearest_faces(self.faces, face_x, x[own])
+        reach, over = self.policy.distance(self.faces), near.overhang <= TIE
+        looks = np.sum(outward[near.face] * directions, axis=1) < 0.0
+        lost = np.where(over & looks & (near.gap < -reach), -near.gap, 0.0)
+        return View(cosine, np.where(over & (near.gap >= -reach), near.gap, np.inf), lost)
+
+    def crossed(self, closed: Mask) -> Mask:
+        """Tell which nodes have gone through faces since the last step; collective."""
+        motion = Motion.between(self.faces, self._secondary, (self.side.u_old, self.side.u))
+        return find_crossed(self.faces, motion, ~closed, self.started())
+
+    def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
+        """Return the smallest stiffness over area (Pa/m) of the primary nodes; collective."""
+        n = self.primary.num_owned
+        values = diagonal[self.primary.parent_dofs(V)[:n]] / self.primary.area.x.array[:n]
+        comm = self.primary.mesh.comm
+        return float(comm.allreduce(float(np.min(values, initial=np.inf)), MPI.MIN))

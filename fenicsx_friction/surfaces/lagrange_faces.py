@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: MIT
+"""The faces of a contact surface with all dofs of the displacement on them, on every rank."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..base.errors import ContactInputError
+from .elements import degree_on_facets
+from .face_tables import FaceTables
+from .surface import ContactSurface
+from .surface_dofs import SurfaceDofs
+
+Array = npt.NDArray[np.floating]
+Indices = npt.NDArray[np.int64]
+
+
+class LagrangeFaces:
+    """Faces of all ranks, with shape functions of any degree; collective.
+
+    Where these are not linear, a face is cut into linear *patches*, as many along an edge as the
+    degree: search and clipping see the patches.
+
+    Args:
+        surface: The surface.
+        V: Space of the displacement.
+
+    Attributes:
+        d: Dimension of space.
+        degree: Degree of the shape functions.
+        rows: The dofs of all faces.
+        dofs: Those of each face by their places there, in the order of the shape functions.
+        nodes: Global contact nodes of each face.
+        outward: 1 where the normal of a face's coordinates points out of the body, else -1.
+        X: Reference coordinates (m) of the dofs.
+        corners: Corners of the patches of a face in its coordinates, in turn: (patches, corners,
+            d - 1).
+    """
+
+    def __init__(self, surface: ContactSurface, V: fem.FunctionSpace) -> None:
+        cell, self.d = surface.submesh.basix_cell(), surface.mesh.geometry.dim
+        self.degree = degree_on_facets(V)
+        kind, variant = basix.ElementFamily.P, basix.LagrangeVariant.gll_warped
+        self._element = basix.create_element(kind, cell, self.degree, variant)
+        self._hats = basix.create_element(kind, cell, 1, variant)
+        points = np.asarray(self._element.points)
+        tables = FaceTables(surface, V, (points, np.ones(len(points))))
+        faces, order = tables.gathered(), np.argmax(tables.shapes, axis=2)
+        at_points = np.take_along_axis(tables.shapes, order[:, None, :], axis=2)
+        if not np.allclose(at_points, np.eye(len(points)), atol=1e-10):
+            raise ContactInputError(
+                f"The displacement, of {V.ufl_element()}, has no values at the points of a "
+                f"Lagrange element of degree {self.degree} on the facets of '{surface.name}'; take "
+                'fem.functionspace(mesh, ("Lagrange", k, (gdim,))).'
+            )
+        self.rows = SurfaceDofs(V, faces.dofs)
+        dofs = np.take_along_axis(faces.dofs, order[faces.kind], axis=1)
+        self.dofs, self.nodes = self.rows.places(dofs), faces.nodes
+        self.outward = faces.outward
+        self.X = self.rows.gather(V.tabulate_dof_coordinates()[:, : self.d].ravel())
+        self.corners = _patches(cell, self.degree)
+
+    def __len__(self) -> int:
+        """Return the number of patches."""
+        return len(self.dofs) * len(self.corners)
+
+    def face_of(self, patch: Indices) -> Indices:
+        """Return the faces of patches."""
+        return patch // len(self.corners)
+
+    @cached_property
+    def centers(self) -> Array:
+        """The centers of a face's patches in its coordinates."""
+        return np.asarray(self.corners.mean(axis=1))
+
+    def shapes(self, xi: Array) -> Array:
+        """Return the shape functions at points of faces: (points, dofs)."""
+        return np.asarray(self._element.tabulate(0, xi))[0, :, :, 0]
+
+    def slopes(self, xi: Array) -> Array:
+        """Return their derivatives along the coordinates: (points, d - 1, dofs)."""
+        return np.asarray(self._element.tabulate(1, xi))[1:, :, :, 0].transpose(1, 0, 2)
+
+    def hats(self, xi: Array) -> Array:
+        """Return the shape functions of the vertices: (points, vertices)."""
+        return np.asarray(self._hats.tabulate(0, xi))[0, :, :, 0]
+
+    def inside(self, xi: Array) -> npt.NDArray[np.bool_]:
+        """Tell which points are inside their faces; what is not a number is not."""
+        return np.asarray(np.all(self.hats(np.nan_to_num(xi, nan=9.0)) >= 0.0, axis=1))
+
+    def corner_positions(self, x: Array) -> Array:
+        """Return the corners of all patches, (patches, corners, d), from positions of the dofs."""
+        number, corners, dim = self.corners.shape
+        shapes = self.shapes(self.corners.reshape(-1, dim))
+        found = np.einsum("ca,fad->fcd", shapes, x[self.dofs])
+        return np.asarray(found.reshape(len(self), corners, self.d))
+
+    def center_slopes(self) -> Array:
+        """Return the weights of the dofs in the tangents at the centers of a face's patches."""
+        return self.slopes(self.centers)
+
+    def tangents(self, x: Array) -> Array:
+        """Return the tangents at the centers of all patches, (patches, d - 1, d)."""
+        found = np.einsum("pta,fad->fptd", self.center_slopes(), x[self.dofs])
+        return np.asarray(found.reshape(len(self), self.d - 1, self.d))
+
+
+def _patches(cell: basix.CellType, degree: int) -> Array:
+    """Cut a reference face into linear parts."""
+    if cell == basix.CellType.interval:
+        ends = np.linspace(0.0, 1.0, degree + 1)
+        return np.stack([ends[:-1], ends[1:]], axis=1)[:, :, None]
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    steps = [np.array([i, j]) for j in range(degree) for i in range(degree)]
+    if cell == basix.CellType.quadrilateral:
+        return np.array([step + square for step in steps]) / degree
+    up, down = square[[0, 1, 3]], square[[1, 2, 3]]
+    parts = [step + up for step in steps if step.sum() < degree]
+    parts += [step + down for step in steps if step.sum() < degree - 1]
+    return np.array(parts) / degree
