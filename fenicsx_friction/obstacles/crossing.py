@@ -85,7 +85,9 @@ class _Events:
     aside: Array
 
 
-def find_crossed(faces: FaceSet, motion: Motion, watched: Mask, started: Indices) -> Mask:
+def find_crossed(
+    faces: FaceSet, motion: Motion, watched: Mask, started: Indices, depth: float = DEPTH
+) -> Mask:
     """Tell which nodes have gone behind a face, or through a body, within the step.
 
     A node enters a face that looks at it. If its last event is then an exit through a face on the
@@ -98,10 +100,11 @@ def find_crossed(faces: FaceSet, motion: Motion, watched: Mask, started: Indices
         watched: Nodes to be tested.
         started: Face of each node at the beginning, or -1. A node that is behind it already counts
             as just entering.
+        depth: From where on a node is behind a face, as a fraction of the mean face.
     """
     motion = _seen_from_faces(motion)
     crossed = np.zeros(len(watched), dtype=bool)
-    depth = _depth(faces, motion)
+    behind = depth * faces.size + _warp(faces, motion) / 8.0
     for i, f in _candidates(faces, motion, watched):
         triangles = [simplices(faces.cell, face_x[faces.faces[f]]) for face_x in motion.face_x]
         parts, d = triangles[0].shape[1:3]
@@ -109,8 +112,8 @@ def find_crossed(faces: FaceSet, motion: Motion, watched: Mask, started: Indices
         first, last = (t.reshape(-1, d, d) for t in triangles)
         (x, y), (n, m) = ([end[node] for end in ends] for ends in (motion.x, motion.directions))
         way = Way((x, y - x), (first, last - first), (n, m - n))
-        events = _events(way, node, start, depth)
-        crossed |= _verdict(events, way, node, depth, len(watched))
+        events = _events(way, node, start, behind)
+        crossed |= _verdict(events, way, node, behind, len(watched))
     return crossed
 
 
@@ -129,15 +132,14 @@ def _seen_from_faces(motion: Motion) -> Motion:
     )
 
 
-def _depth(faces: FaceSet, motion: Motion) -> float:
-    """Return how far behind a face (m) a node has crossed it; an eighth of the warp is enough."""
+def _warp(faces: FaceSet, motion: Motion) -> float:
+    """Return the largest warp (m) of a face; its triangles are an eighth of it away from it."""
     twist = faces.cell.twist()
-    warp = 0.0
-    if twist is not None:
-        corners = np.concatenate([x[faces.faces] for x in motion.face_x])
-        lengths = np.linalg.norm(np.einsum("i,nid->nd", np.array(twist), corners), axis=1)
-        warp = float(np.max(lengths, initial=0.0))
-    return DEPTH * faces.size + warp / 8.0
+    if twist is None:
+        return 0.0
+    corners = np.concatenate([x[faces.faces] for x in motion.face_x])
+    lengths = np.linalg.norm(np.einsum("i,nid->nd", np.array(twist), corners), axis=1)
+    return float(np.max(lengths, initial=0.0))
 
 
 def _candidates(faces: FaceSet, motion: Motion, watched: Mask) -> Iterator[tuple[Indices, Indices]]:

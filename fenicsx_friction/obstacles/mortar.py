@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base.collective import any_rank
-from ..surfaces.lagrange_faces import LagrangeFaces
 from ..surfaces.surface import ContactSurface
 from .averaged import DEEP, Averaged
+from .facing import Facing, Positions
 from .kinematics import Array
-from .mortar_element import Bodies, MortarElement
+from .mortar_element import MortarElement
 from .obstacle import Mask
 from .old_points import points_before
 from .search import SearchPolicy, find_pairs
@@ -27,9 +27,6 @@ from .segments import Segments, find_segments
 from .shares import Shares, find_shares
 from .side import Side
 from .two_bodies import TwoBodies
-
-#: Positions of the dofs of both surfaces (m).
-Positions = tuple[Array, Array]
 
 
 class Mortar(Averaged, TwoBodies):
@@ -44,21 +41,20 @@ class Mortar(Averaged, TwoBodies):
         side: The secondary side.
     """
 
+    behind = DEEP
     #: What :meth:`save` keeps: objects that are replaced, never changed.
     _STATE = ("_element", "_seen", "_start", "_axis", "version")
 
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
         super().__init__(primary, policy, side)
-        V = side.u.function_space
-        self._bodies = Bodies(LagrangeFaces(side.surface, V), LagrangeFaces(primary, V))
+        self._facing = Facing((side.surface, primary), side.u.function_space)
         n, first = side.surface.num_owned, self._secondary.own.start
-        self._own = self._bodies.secondary.rows.places_of_local(side.parent_dofs[:n])
-        nodes = self._bodies.secondary.nodes
+        self._own = self._facing.secondary.rows.places_of_local(side.parent_dofs[:n])
+        nodes = self._facing.secondary.nodes
         mine = np.any((nodes >= first) & (nodes < first + n), axis=1)
         near = np.any(np.isin(nodes, nodes[mine]), axis=1)
-        self._wanted = np.repeat(near, len(self._bodies.secondary.corners))
+        self._wanted = np.repeat(near, len(self._facing.secondary.corners))
         self._full = self._secondary.gather(side.surface.area.x.array[:n])
-        self._origin = self._bodies.secondary.X[0].copy()
         self._inputs_before: tuple[Array, ...] | None = None
         self._last_version = 0
         self.anchor()
@@ -73,13 +69,13 @@ class Mortar(Averaged, TwoBodies):
             return
         self._inputs_before = None  # until all is written: an interrupt may come
         element = self._element
-        x = self._positions(self.side.u.x.array)
+        x = self._facing.positions(self.side.u.x.array)
         element.evaluate(x, self._axis, self.side.nodal(self.side.hint))
         n, width = self.side.surface.num_owned, self.field.function_space.dofmap.bs
         rows = self.field.x.array[: n * width].reshape(n, width)
         rows[:] = element.values()
         d, alone = self.side.d, self._alone()
-        rows[:, width - d :] += self._shift(self.side.u.x.array)
+        rows[:, width - d :] += self._facing.origin(self.side.u.x.array)
         if np.any(alone):
             rows[alone, : width - d] = self.alone(alone)
             places = self._secondary.X[self._secondary.own] + self.side.owned(self.side.u.x.array)
@@ -109,7 +105,7 @@ class Mortar(Averaged, TwoBodies):
 
     def body_levers(self) -> Array:
         """Return the levers of the secondary surface."""
-        own = self._element.stencil < len(self._bodies.secondary.X)
+        own = self._element.stencil < self._facing.num_secondary
         return self.levers() * own[:, None, :, None]
 
     def turning(self, slopes: Array, weight_slopes: Array | None) -> Array:
@@ -121,39 +117,15 @@ class Mortar(Averaged, TwoBodies):
     def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
         """Return the entries at the stencils."""
         stencil = self._element.stencil
-        around = np.concatenate(self._rows(values))[stencil]
+        around = np.concatenate(self._facing.rows(values))[stencil]
         around[stencil < 0] = missing
         return around
-
-    def _rows(self, values: npt.NDArray) -> tuple[npt.NDArray, npt.NDArray]:
-        """Return the entries of a local array at the dofs of both surfaces; collective."""
-        return self._bodies.secondary.rows.gather(values), self._bodies.primary.rows.gather(values)
 
     def _inputs(self) -> tuple[Array, ...]:
         """Return all of this rank that the kinematics depend on."""
         u, hint = self.side.u.x.array.reshape(-1, self.side.d), self.side.nodal(self.side.hint)
-        owned = [body.rows.owned for body in (self._bodies.secondary, self._bodies.primary)]
-        return u[owned[0]], u[owned[1]], hint.copy()
-
-    def _positions(self, u: Array) -> Positions:
-        """Return the positions of all dofs, from where one of them is; collective.
-
-        So neither large coordinates nor a common motion add rounding.
-        """
-        shift, rows = self._shift_of(u), self._rows(u)
-        bodies = (self._bodies.secondary, self._bodies.primary)
-        first, second = (
-            (body.X - self._origin) + (row - shift) for body, row in zip(bodies, rows, strict=True)
-        )
-        return first, second
-
-    def _shift_of(self, u: Array) -> Array:
-        """Return the displacement of the dof from where positions count; collective."""
-        return np.asarray(self._bodies.secondary.rows.gather(u)[0])
-
-    def _shift(self, u: Array) -> Array:
-        """Return the place from where positions count (m); collective."""
-        return np.asarray(self._origin + self._shift_of(u))
+        first, second = self._facing.owned
+        return u[first], u[second], hint.copy()
 
     def _alone(self) -> Mask:
         """Tell which owned nodes meet nothing."""
@@ -168,7 +140,7 @@ class Mortar(Averaged, TwoBodies):
     def anchor(self) -> None:
         """Find what the surfaces see of each other at ``u_old``; collective."""
         u_old = self.side.u_old.x.array
-        x = self._positions(u_old)
+        x = self._facing.positions(u_old)
         normals = self._secondary.node_normals(self._secondary.positions(self.side.u_old))
         self._axis = -normals[self._secondary.own]
         held = self._secondary.gather(self.side.nodal(self.side.c)[:, 0] > 0.0)
@@ -177,7 +149,7 @@ class Mortar(Averaged, TwoBodies):
 
     def search(self) -> bool:
         """Find again what the surfaces see of each other; collective."""
-        found, now = self._see(self._positions(self.side.u.x.array)), self._seen
+        found, now = self._see(self._facing.positions(self.side.u.x.array)), self._seen
         same = len(found.patch) == len(now.patch) and np.array_equal(found.xi, now.xi)
         same = same and np.array_equal(found.face, now.face)
         changed = any_rank(self.primary.mesh.comm, not same)
@@ -188,12 +160,12 @@ class Mortar(Averaged, TwoBodies):
     def _see(self, x: Positions) -> Segments:
         """Return what the patches of this rank's nodes see."""
         reach = self.policy.distance(self.faces)
-        return find_segments(self._bodies.secondary, self._bodies.primary, x, reach, self._wanted)
+        return find_segments(self._facing, x, reach, self._wanted)
 
     def _take(self, points: Segments, kept: Mask) -> None:
         """Average over these points from now on; collective."""
         self._seen = points
-        secondary, own = self._bodies.secondary, self._secondary.own
+        secondary, own = self._facing.secondary, self._secondary.own
         face = secondary.face_of(points.patch)
         weights = secondary.hats(points.xi) * points.weight[:, None]
         shares = find_shares(secondary.nodes, face, weights, self._full, kept)
@@ -202,8 +174,8 @@ class Mortar(Averaged, TwoBodies):
         node = shares.node[mine] - own.start
         shares = Shares(node, point.ravel(), shares.value[mine], shares.covered[own])
         points = points.take(used)
-        old = points_before(self._bodies, points, *self._start)
-        element = MortarElement(self._bodies, points, old, shares, self._own)
+        old = points_before(self._facing, points, *self._start)
+        element = MortarElement(self._facing, points, old, shares, self._own)
         comm = self.primary.mesh.comm
         element.widen(comm.allreduce(element.stencil.shape[1], MPI.MAX))
         self._element, self._inputs_before = element, None
@@ -242,7 +214,7 @@ class Mortar(Averaged, TwoBodies):
         """Return all points (m) and the forces on the body there (N); collective."""
         self.update()
         forces = self._element.point_forces(self.side.nodal(self.side.c))
-        return self._element.x + self._shift(self.side.u.x.array), forces
+        return self._element.x + self._facing.origin(self.side.u.x.array), forces
 
     def penetration(self) -> float:
         """Return the largest penetration of a point (m), on this rank; collective."""
@@ -258,10 +230,10 @@ class Mortar(Averaged, TwoBodies):
 
     def partners(self, V: Any) -> npt.NDArray[np.int32]:
         """Return this rank's (blocked) dofs on both surfaces."""
-        return np.union1d(self._bodies.secondary.rows.owned, self._bodies.primary.rows.owned)
+        return np.union1d(*self._facing.owned)
 
     def rounding(self) -> Array:
         """Return the distance of each node from where positions count (m); collective."""
         self.update()
-        x = self._positions(self.side.u.x.array)
+        x = self._facing.positions(self.side.u.x.array)
         return np.asarray(np.max(abs(x[0][self._own]), axis=1))

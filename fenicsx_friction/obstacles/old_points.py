@@ -6,27 +6,29 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .mortar_element import Bodies
-from .segments import Planes, Segments, cast
+from .facing import Facing, Positions
+from .planes import Planes
+from .rays import cast
+from .segments import Segments, ranges
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
 
 
 def points_before(
-    bodies: Bodies, points: Segments, x: tuple[Array, Array], seen: Segments
+    facing: Facing, points: Segments, x: Positions, seen: Segments
 ) -> tuple[Indices, Array]:
     """Return faces, and places on them, that points saw before.
 
     Points that saw nothing are traced back to the face that they see now, extended.
 
     Args:
-        bodies: The two surfaces.
+        facing: The two surfaces.
         points: The points.
         x: Positions of the dofs of both surfaces then (m).
         seen: What the patches saw then.
     """
-    secondary, primary = bodies.secondary, bodies.primary
+    secondary, primary = facing.secondary, facing.primary
     normal = Planes.of(secondary, x[0]).normal[points.patch]
     dofs = secondary.dofs[secondary.face_of(points.patch)]
     start = np.einsum("pa,pad->pd", secondary.shapes(points.xi), x[0][dofs])
@@ -39,13 +41,8 @@ def points_before(
         return face, eta
     faces = len(primary.dofs)
     pairs = np.unique(seen.patch * faces + seen.face)
-    first, last = (
-        np.searchsorted(pairs // faces, points.patch[away], side=s) for s in ("left", "right")
-    )
-    number = last - first
-    rival = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
-    rival = (pairs % faces)[rival + np.repeat(first, number)]
-    point = np.repeat(away, number)
+    rows, number = ranges(pairs // faces, points.patch[away])
+    rival, point = (pairs % faces)[rows], np.repeat(away, number)
     place, height = cast(primary, x[1], rival, start[point], normal[point])
     outside = np.maximum(-np.min(primary.hats(np.nan_to_num(place, nan=1e3)), axis=1), 0.0)
     order = np.lexsort((abs(np.nan_to_num(height, nan=np.inf)), np.round(outside, 9), point))

@@ -54,7 +54,7 @@ def find_shares(
     n, points = len(full), len(face)
     node, point = face_nodes[face].ravel(), np.repeat(np.arange(points), face_nodes.shape[1])
     hats = scipy.sparse.csr_array((weights.ravel(), (node, point)), shape=(n, points))
-    covered = np.bincount(node, weights.ravel(), minlength=n)
+    covered = np.asarray(np.bincount(node, weights.ravel(), minlength=n), dtype=float)
     least = SMALL if kept_before is None else np.where(kept_before, SMALL, LARGE)
     small = (covered > 0.0) & (covered < least * full)
     if np.any(small):

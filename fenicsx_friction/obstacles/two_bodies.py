@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What all contact between two deformable bodies has in common: two surfaces that see each other."""
+"""What all contact between two deformable bodies has in common: two surfaces in view."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dolfinx import fem
 from ..surfaces.face_cells import normals
 from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
-from .crossing import Motion, find_crossed
+from .crossing import DEPTH, Motion, find_crossed
 from .kinematics import Array
 from .obstacle import Mask, Pairing, View
 from .search import TIE, SearchPolicy, nearest_faces
@@ -34,6 +34,8 @@ class TwoBodies(Pairing):
     """
 
     deformable = tilted = True
+    #: A node has crossed a face from this fraction of the mean face on.
+    behind = DEPTH
 
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
         super().__init__(side)
@@ -77,7 +79,7 @@ class TwoBodies(Pairing):
     def crossed(self, closed: Mask) -> Mask:
         """Tell which nodes have gone through faces since the last step; collective."""
         motion = Motion.between(self.faces, self._secondary, (self.side.u_old, self.side.u))
-        return find_crossed(self.faces, motion, ~closed, self.started())
+        return find_crossed(self.faces, motion, ~closed, self.started(), self.behind)
 
     def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
         """Return the smallest stiffness over area (Pa/m) of the primary nodes; collective."""

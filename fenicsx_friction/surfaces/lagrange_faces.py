@@ -96,7 +96,7 @@ class LagrangeFaces:
 
     def corner_positions(self, x: Array) -> Array:
         """Return the corners of all patches, (patches, corners, d), from positions of the dofs."""
-        number, corners, dim = self.corners.shape
+        corners, dim = self.corners.shape[1:]
         shapes = self.shapes(self.corners.reshape(-1, dim))
         found = np.einsum("ca,fad->fcd", shapes, x[self.dofs])
         return np.asarray(found.reshape(len(self), corners, self.d))

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: MIT
+"""Groups of points that count together in the averages of nodes, and the dofs that they touch.
+
+A *corner* is a node with a patch round it, a *couple* a node with a patch and a face that it sees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from .facing import Facing
+from .segments import Segments
+from .shares import Shares
+
+Array = npt.NDArray[np.floating]
+Indices = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums of points with their shares, over groups of points.
+
+    Attributes:
+        matrix: Groups by points.
+        node: Node of each group.
+        key: What else the points of each group have in common.
+    """
+
+    matrix: scipy.sparse.csr_array
+    node: Indices
+    key: Indices
+
+    @classmethod
+    def over(cls, shares: Shares, keys: Indices, points: int) -> Sums:
+        """Sum over the points of a node that have a key in common; keys are those of shares."""
+        number = int(keys.max(initial=0)) + 1
+        groups, inverse = np.unique(shares.node * number + keys, return_inverse=True)
+        entries = (shares.value, (inverse.ravel(), shares.point))
+        matrix = scipy.sparse.csr_array(entries, shape=(len(groups), points))
+        return cls(matrix, groups // number, groups % number)
+
+    def __matmul__(self, values: Array) -> Array:
+        """Return the sums of values at the points, (points, ...)."""
+        flat = self.matrix @ values.reshape(len(values), -1)
+        return np.asarray(flat.reshape(len(self.node), *values.shape[1:]))
+
+
+class Groups:
+    """The groups of this rank's nodes.
+
+    Args:
+        facing: The two surfaces.
+        points: The points.
+        old_face: The face that each point saw at the last accepted displacement.
+        shares: Shares of the points in the averages of this rank's nodes.
+        own: Place of each node's own dof.
+
+    Attributes:
+        corners: Sums over nodes and patches.
+        couples: Sums over nodes, patches and the faces that they see.
+        old: Sums over nodes, patches and the faces that they saw.
+        corner: The corner of each couple.
+        old_corner: That of each old one.
+        stencil: Dofs of both surfaces round each node, its own first, -1 for none.
+        places: Where the dofs of corners, couples and old ones are in it.
+    """
+
+    def __init__(
+        self,
+        facing: Facing,
+        points: Segments,
+        old_face: Indices,
+        shares: Shares,
+        own: Indices,
+    ) -> None:
+        number, patch, self._num_nodes = len(points.patch), points.patch[shares.point], len(own)
+        secondary, primary, patches = facing.secondary, facing.primary, len(facing.secondary)
+        faces, offset = len(primary.dofs), facing.num_secondary
+        self.corners = Sums.over(shares, patch, number)
+        keys = self.corners.node * patches + self.corners.key
+        self.couples = Sums.over(shares, patch * faces + points.face[shares.point], number)
+        seen = self.couples.node * patches + self.couples.key // faces
+        self.corner = np.searchsorted(keys, seen)
+        corner = np.searchsorted(keys, shares.node * patches + patch)
+        self.old = Sums.over(shares, corner * faces + old_face[shares.point], number)
+        self.old_corner = self.old.key // faces
+        self._nodes = [self.corners.node, self.couples.node, self.old.node]
+        dofs = [
+            secondary.dofs[secondary.face_of(self.corners.key)],
+            primary.dofs[self.couples.key % faces] + offset,
+            primary.dofs[self.old.key % faces] + offset,
+        ]
+        self._number_stencils(dofs, own, offset + facing.num_primary)
+
+    def _number_stencils(self, dofs: list[Indices], own: Indices, most: int) -> None:
+        """Number the dofs round each node, and find the places of those of groups there."""
+        n = len(own)
+        around = [np.repeat(i, j.shape[1]) for i, j in zip(self._nodes, dofs, strict=True)]
+        node = np.concatenate([np.arange(n), *around])
+        dof = np.concatenate([own, *(j.ravel() for j in dofs)])
+        later = np.where(dof == own[node], 0, 1 + dof)  # the node's own comes first
+        unique, inverse = np.unique(node * (most + 1) + later, return_inverse=True)
+        of_node = unique // (most + 1)
+        place = np.arange(len(unique)) - np.searchsorted(of_node, of_node)
+        self.stencil = np.full((n, int(place.max(initial=0)) + 1), -1)
+        found = unique % (most + 1) - 1
+        self.stencil[of_node, place] = np.where(found < 0, own[of_node], found)
+        ends = np.cumsum([n, *(j.size for j in dofs)])[:-1]
+        parts = np.split(place[inverse.ravel()], ends)[1:]
+        self.places = [part.reshape(j.shape) for part, j in zip(parts, dofs, strict=True)]
+
+    @cached_property
+    def to_node(self) -> scipy.sparse.csr_array:
+        """Adds corners to nodes."""
+        number = len(self.corners.node)
+        entries = (np.ones(number), (self.corners.node, np.arange(number)))
+        return scipy.sparse.csr_array(entries, shape=(self._num_nodes, number))
+
+    def add(self, result: Array, group: int, blocks: Array) -> None:
+        """Add blocks of groups (0 corners, 1 couples, 2 old ones) to rows of the stencils."""
+        np.add.at(result, (self._nodes[group][:, None], self.places[group]), blocks)
