@@ -80,15 +80,15 @@ class LagrangeFaces:
 
     def shapes(self, xi: Array) -> Array:
         """Return the shape functions at points of faces: (points, dofs)."""
-        return np.asarray(self._element.tabulate(0, xi))[0, :, :, 0]
+        return np.asarray(_table(self._element, 0, xi)[0])
 
     def slopes(self, xi: Array) -> Array:
         """Return their derivatives along the coordinates: (points, d - 1, dofs)."""
-        return np.asarray(self._element.tabulate(1, xi))[1:, :, :, 0].transpose(1, 0, 2)
+        return _table(self._element, 1, xi)[1:].transpose(1, 0, 2)
 
     def hats(self, xi: Array) -> Array:
         """Return the shape functions of the vertices: (points, vertices)."""
-        return np.asarray(self._hats.tabulate(0, xi))[0, :, :, 0]
+        return np.asarray(_table(self._hats, 0, xi)[0])
 
     def inside(self, xi: Array) -> npt.NDArray[np.bool_]:
         """Tell which points are inside their faces; what is not a number is not."""
@@ -109,6 +109,12 @@ class LagrangeFaces:
         """Return the tangents at the centers of all patches, (patches, d - 1, d)."""
         found = np.einsum("pta,fad->fptd", self.center_slopes(), x[self.dofs])
         return np.asarray(found.reshape(len(self), self.d - 1, self.d))
+
+
+def _table(element: basix.finite_element.FiniteElement, order: int, xi: Array) -> Array:
+    """Return shape functions and derivatives, (1 or d, points, dofs); basix needs a point."""
+    points = xi if len(xi) else np.zeros((1, xi.shape[1]))
+    return np.asarray(element.tabulate(order, points))[:, : len(xi), :, 0]
 
 
 def _patches(cell: basix.CellType, degree: int) -> Array:
