@@ -9,7 +9,7 @@ from ..surfaces.surface import ContactSurface
 from .mortar import Mortar
 from .node_to_face import NodeToFace
 from .obstacle import Obstacle
-from .search import SearchPolicy
+from .search import SearchPolicy, check_positive
 from .side import Side
 from .two_bodies import TwoBodies
 
@@ -25,11 +25,16 @@ class DeformableObstacle(Obstacle):
     Attributes:
         primary: The primary surface, on the same mesh.
         search: How pairs are found.
+        close_gaps: Gaps and overlaps of the undeformed bodies up to this (m) count as closed: what
+            a node has there is subtracted from its gap for good. No node of the mesh is moved, so
+            walls stay as thick as they are (see ``close_initial_gaps``). Without it, gaps are
+            what they are.
     """
 
     primary: ContactSurface
     search: SearchPolicy | None = field(default=None, kw_only=True)
     method: str | None = field(default=None, kw_only=True)
+    close_gaps: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check surface and policy."""
@@ -42,6 +47,9 @@ class DeformableObstacle(Obstacle):
             raise ContactInputError(
                 f"DeformableObstacle: search = {self.search!r} must be a SearchPolicy, or None."
             )
+        if self.close_gaps is not None:
+            meaning = "the largest gap or overlap (m) that counts as closed at the start"
+            check_positive(self.close_gaps, "close_gaps", meaning)
 
     def meet(self, side: Side) -> TwoBodies:
         """Return the pairing of a side's nodes with the faces; collective.
@@ -56,4 +64,7 @@ class DeformableObstacle(Obstacle):
                 "MINI. Against rigid obstacles any degree works."
             )
         kind = Mortar if self.method == "mortar" else NodeToFace
-        return kind(self.primary, self.search or SearchPolicy(), side)
+        pairing = kind(self.primary, self.search or SearchPolicy(), side)
+        if self.close_gaps is not None:
+            pairing.close_gaps(self.close_gaps)
+        return pairing
