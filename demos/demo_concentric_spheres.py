@@ -143,7 +143,7 @@ def build(how: Case, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Model:
         contact=[spheres, upper, lower],
         bcs=bcs,
         petsc_options_prefix="spheres_",
-        settings=ff.StepSettings(fallbacks=1),  # a step can be cut instead
+        settings=ff.StepSettings(fallbacks=0),  # a step can be cut instead
     )
     return Model(problem, spheres, upper, motion, relaxation)
 
@@ -161,8 +161,8 @@ def compress(
         model.problem,
         model.press,
         end=end,
-        step=0.1,
-        smallest=0.05,
+        step=step,
+        smallest=step / 2.0,
         largest=step,
         stops=stops,
         relaxation=model.relaxation,
@@ -214,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--degree", type=int, default=1, help="of the displacement; 2: mortar")
     parser.add_argument("--layers", type=int, default=geometry.LAYERS, help="through each wall")
     parser.add_argument("--end", type=float, default=10.0, help="displacement (mm)")
-    parser.add_argument("--step", type=float, default=0.2, help="largest step (mm)")
+    parser.add_argument("--step", type=float, default=0.1, help="largest step (mm)")
     parser.add_argument("--output", type=Path, default=Path("results/concentric_spheres"))
     options = parser.parse_args(arguments)
     how = Case(options.density, options.mu, options.method, options.degree, options.layers)
