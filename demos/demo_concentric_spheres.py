@@ -143,7 +143,7 @@ def build(how: Case, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Model:
         contact=[spheres, upper, lower],
         bcs=bcs,
         petsc_options_prefix="spheres_",
-        settings=ff.StepSettings(fallbacks=0),  # a step can be cut instead
+        settings=ff.StepSettings(fallbacks=2),  # a step can be cut instead
     )
     return Model(problem, spheres, upper, motion, relaxation)
 
