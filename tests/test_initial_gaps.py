@@ -139,3 +139,24 @@ def test_offsets_and_forces_are_those_of_one_rank(method):
     assert offsets[0] == pytest.approx(offsets[1], abs=1e-12)
     forces = [pressed(m, (0.0, -0.002), (0.01, -0.003)) for m in (model, alone)]
     assert forces[0] == pytest.approx(forces[1], rel=1e-8)
+
+
+def valley(x):
+    """Make the base a valley with a fold at its middle."""
+    return np.stack([x[0], x[1] + np.where(x[1] < 1.1, 0.4 * x[1] * abs(x[0] - 0.5), 0.0)])
+
+
+@pytest.mark.mpi
+def test_an_offset_does_not_slip_over_the_fold_of_two_faces():
+    """A node above a fold moves and meets the other face: it slips by its way along that face."""
+    shape = {"cell": "quadrilateral", "upper": (1, 1), "lower": (2, 1), "close_gaps": 0.5}
+    shape |= {"top": ((0.495, 1.3), (0.9, 1.6)), "base": ((0.0, 0.0), (1.0, 1.0))}
+    model = stack(0.3, "offset_fold_", **shape, warp=valley)
+    pairing, u = model.contact.pairing, model.problem.u
+    before = pairing.pairs.face.copy()
+    assert np.all(pairing.gaps() == 0.0)
+    block = u.function_space.tabulate_dof_coordinates()[:, 1] > 1.25
+    u.x.array.reshape(-1, 2)[block, 0] = 0.05
+    assert pairing.search()
+    moved = pairing.pairs.face != before
+    assert abs(pairing.slips()[moved, 0]) == pytest.approx(0.05 / np.hypot(1.0, 0.4), rel=1e-9)

@@ -1,5 +1,7 @@
 """The contact element of a node and a face: values, exact derivatives, objectivity."""
 
+from dataclasses import replace
+
 from mpi4py import MPI
 
 import numpy as np
@@ -28,8 +30,8 @@ def elements(kind):
     old = faces + 0.1 * rng.standard_normal(faces.shape)
     z = np.concatenate([x[:, None], faces, old], axis=1)
     hint = np.tile(np.eye(d)[0], (n, 1))
-    weights = shape_matrix(cell, rng.uniform(0.0, 1.0, xi.shape))
-    return PairKernel(MPI.COMM_SELF, cell, d, n), PairGeometry(z, xi, weights, hint)
+    old_xi, offset = rng.uniform(0.0, 1.0, xi.shape), 0.02 * rng.standard_normal(n)
+    return PairKernel(MPI.COMM_SELF, cell, d, n), PairGeometry(z, xi, old_xi, offset, hint)
 
 
 @pytest.mark.parametrize("kind", FACE_CELLS)
@@ -44,7 +46,7 @@ def test_projection_finds_the_foot_of_the_perpendicular(kind):
 def test_element_has_the_gap_and_the_normal_it_was_made_with(kind):
     kernel, geometry = elements(kind)
     values, d, cell = kernel.values(geometry), geometry.z.shape[2], FACE_CELLS[kind]
-    assert values[:, 0] == pytest.approx(0.05)
+    assert values[:, 0] == pytest.approx(0.05 - geometry.offset)
     expected = normals(cell, geometry.z[:, 1 : 1 + cell.nodes], geometry.xi)
     assert values[:, d : 2 * d] == pytest.approx(expected, abs=1e-13)
     assert values[:, -cell.nodes :] == pytest.approx(shape_matrix(cell, geometry.xi), abs=1e-13)
@@ -58,7 +60,7 @@ def test_derivatives_of_the_element_are_those_of_the_projection(kind):
 
     def values(z):
         xi = project(cell, z[:, 1 : 1 + cell.nodes], z[:, 0], geometry.xi)
-        return kernel.values(PairGeometry(z, xi, geometry.old, geometry.hint))
+        return kernel.values(replace(geometry, z=z, xi=xi))
 
     n, points, d = geometry.z.shape
     exact = kernel.derivatives(geometry).reshape(n, -1, points, d)
@@ -85,7 +87,7 @@ def test_a_common_rigid_motion_neither_opens_nor_slides(kind):
     z, R = turned(geometry.z)
     before, d = kernel.values(geometry), z.shape[2]
     hint = geometry.hint @ R.T
-    after = kernel.values(PairGeometry(z, geometry.xi, geometry.old, hint))
+    after = kernel.values(replace(geometry, z=z, hint=hint))
     assert after[:, :d] == pytest.approx(before[:, :d], abs=1e-12)
     frame = slice(d, d + d * (d - 1))
     turned_before = before[:, frame].reshape(len(z), d - 1, d) @ R.T

@@ -267,9 +267,10 @@ def test_search_and_element_know_no_units(kind, unit):
         corners = scale * X[faces[pairs.face]]
         old = corners[:, :, [1, 0, 2]]
         z = np.concatenate([scale * x[:, None], corners, old], axis=1)
-        weights = np.tile(1.0 / surface.cell.nodes, (200, surface.cell.nodes))
+        center, offset = np.tile(surface.cell.center, (200, 1)), np.full(200, 0.01 * scale)
         kernel = PairKernel(MPI.COMM_SELF, surface.cell, 3, 200)
-        geometry = PairGeometry(z, pairs.xi, weights, np.tile([1.0, 0.0, 0.0], (200, 1)))
+        hint = np.tile([1.0, 0.0, 0.0], (200, 1))
+        geometry = PairGeometry(z, pairs.xi, center, offset, hint)
         values, slopes = kernel.values(geometry), kernel.derivatives(geometry)
         values[:, :3] /= scale
         slopes = slopes.reshape(200, values.shape[1], -1)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..base.collective import any_rank
-from ..surfaces.face_cells import project, shape_matrix
+from ..surfaces.face_cells import project
 from ..surfaces.faces import FaceSet
 from .search import Pairs, SearchPolicy, find_pairs
 from .side import Side
@@ -28,12 +28,12 @@ class FacePairs:
     Attributes:
         pairs: The face of each owned node now.
         start: The same at the last accepted displacement.
-        old_weights: Weights of the old face's nodes in the point that was met there.
+        old_xi: Reference coordinates on the old face of the point that was met there.
         version: Changes with the pairs.
     """
 
     #: What :meth:`save` keeps, beside the faces met: arrays that are replaced, never changed.
-    _STATE = ("pairs", "start", "_old_face", "old_weights", "version")
+    _STATE = ("pairs", "start", "_old_face", "old_xi", "version")
 
     def __init__(
         self, faces: FaceSet, secondary: FaceSet, policy: SearchPolicy, side: Side
@@ -116,5 +116,4 @@ class FacePairs:
         x = self._secondary.positions(self._side.u_old)[self._secondary.own]
         xi = np.where(met[:, None], self.start.xi, self.pairs.xi)
         projected = project(self._faces.cell, corners, x, xi)
-        xi = np.where(np.isfinite(projected), projected, xi)
-        self.old_weights = shape_matrix(self._faces.cell, xi)
+        self.old_xi = np.where(np.isfinite(projected), projected, xi)

@@ -66,7 +66,6 @@ class NodeToFace(TwoBodies):
         width = self.field.function_space.dofmap.bs
         rows = self.field.x.array[: n * width].reshape(n, width)
         rows[:, :size] = values[:, :size]
-        rows[:, 0] -= self.offset
         alone = ~self.pairs.paired
         if np.any(alone):
             rows[alone, :size] = self.alone(alone)
@@ -126,7 +125,8 @@ class NodeToFace(TwoBodies):
         self.lost = self.pairs.paired & ~found
         xi = np.where(found[:, None], xi, start)
         z = np.concatenate([x[:, None], around], axis=1)
-        return PairGeometry(z, xi, self._history.old_weights, self.side.nodal(self.side.hint))
+        hint = self.side.nodal(self.side.hint)
+        return PairGeometry(z, xi, self._history.old_xi, self.offset, hint)
 
     # -- from step to step -----------------------------------------------------------------------
 
@@ -189,7 +189,8 @@ class NodeToFace(TwoBodies):
         primary = self.faces.gather_dofs(fixed.x.array) > 0.5
         self.update()
         face = self.faces.faces[self.pairs.face]
-        ignored = abs(self._shapes) < WEIGHTLESS
+        # The foot of a node with an offset above an edge is beside the edge.
+        ignored = abs(self._shapes) < (WEIGHTLESS + abs(self.offset) / self.faces.size)[:, None]
         both = nodes & np.all(primary[face] | ignored[:, :, None], axis=1)
         alone = nodes & ~np.all(nodes, axis=1, keepdims=True)
         return np.where(self.pairs.paired[:, None], both, alone)

@@ -8,7 +8,8 @@ accepted step. The element returns, with their exact derivatives by all dofs::
     gap, slip (d - 1), normal (d)[, first tangent (3, only in 3D)], shape functions there
 
 The slip leads from the material point that the node met at the last accepted step, where that is
-now, to the node. It vanishes under a common rigid motion and does not see the edges between faces.
+now, to the node. It vanishes under a common rigid motion and does not see the edges between faces:
+an offset of the node is measured along the normal of the face that it was measured from.
 """
 
 from dataclasses import dataclass
@@ -30,13 +31,15 @@ class PairGeometry:
     Attributes:
         z: Positions (m) of the node, the face's nodes and the old face's nodes (n, 1 + 2 k, d).
         xi: Reference coordinates of the projection.
-        old: Weights of the old face's nodes in the last step's contact point.
+        old_xi: Reference coordinates on the old face of the last step's contact point.
+        offset: Distance (m) from the face at which the gap is zero.
         hint: Vector whose tangential part is the first tangent (3D).
     """
 
     z: Array
     xi: Array
-    old: Array
+    old_xi: Array
+    offset: Array
     hint: Array
 
 
@@ -54,7 +57,8 @@ class PairKernel:
         self._cell, self._d, self._points = cell, gdim, Points(num_pairs)
         vector = lambda size: self._points.function((size,))  # noqa: E731
         self._z = vector(gdim * (1 + 2 * cell.nodes))
-        self._xi, self._old, self._hint = vector(cell.dim), vector(cell.nodes), vector(gdim)
+        self._xi, self._old_xi, self._hint = vector(cell.dim), vector(cell.dim), vector(gdim)
+        self._offset = vector(1)
         self.size = slices(gdim)[-1][0]  # all but the position
         z = ufl.variable(self._z)
         values = self._element(z)
@@ -79,21 +83,27 @@ class PairKernel:
         ]
         x, face, old_face = points[0], points[1 : 1 + cell.nodes], points[1 + cell.nodes :]
         xi = newton_step(cell, [self._xi[k] for k in range(cell.dim)], face, x, ufl.dot)
-        shapes = cell.shapes(xi)
-        tangents = [weighted(slopes, face) for slopes in cell.slopes(xi)]
-        if d == 2:
+        shapes, normal = cell.shapes(xi), self._normal(xi, face)
+        gap = ufl.dot(normal, x - weighted(shapes, face)) - self._offset[0]
+        old_xi = [self._old_xi[k] for k in range(cell.dim)]
+        raised = self._offset[0] * self._normal(old_xi, old_face)
+        way = x - weighted(cell.shapes(old_xi), old_face) - raised
+        return ufl.as_vector([*entries(gap, way, normal, self._hint), *shapes])
+
+    def _normal(self, xi: list[Expr], face: list[Expr]) -> Expr:
+        """Return the unit normal of a face."""
+        tangents = [weighted(slopes, face) for slopes in self._cell.slopes(xi)]
+        if self._d == 2:
             normal = ufl.as_vector([tangents[0][1], -tangents[0][0]])
         else:
             normal = ufl.cross(*tangents)
-        normal = normal / ufl.sqrt(ufl.dot(normal, normal))
-        gap = ufl.dot(normal, x - weighted(shapes, face))
-        way = x - weighted([self._old[i] for i in range(cell.nodes)], old_face)
-        return ufl.as_vector([*entries(gap, way, normal, self._hint), *shapes])
+        return normal / ufl.sqrt(ufl.dot(normal, normal))
 
     def _set(self, geometry: PairGeometry) -> None:
         """Fill the Functions."""
         if self._points.number:
             self._z.x.array[:] = geometry.z.ravel()
             self._xi.x.array[:] = geometry.xi.ravel()
-            self._old.x.array[:] = geometry.old.ravel()
+            self._old_xi.x.array[:] = geometry.old_xi.ravel()
+            self._offset.x.array[:] = geometry.offset
             self._hint.x.array[:] = geometry.hint.ravel()
