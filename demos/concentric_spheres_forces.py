@@ -85,14 +85,14 @@ def draw_force(tables: Mapping[str, Sequence[Row]], mu: float, path: Path) -> No
 def compare(tables: Mapping[str, Sequence[Row]], mu: float) -> list[str]:
     """Return lines of a table: forces (N), and how far they are from the limit (%)."""
     near, lines = limit(mu), []
-    names = "".join(f"{name:>20}" for name in tables)
+    names = "".join(f" {name:>19.19}" for name in tables)
     lines.append(f"{'mm':>5}{'limit':>8}{names}")
     for u in COMPARED:
         right = np.nan if near is None else np.interp(u, *near)
         line = f"{u:5.1f}{right:8.3f}"
         for rows in tables.values():
             x, y = ([row[key] for row in rows] for key in ("displacement_mm", "force_N"))
-            force = np.interp(u, x, y, right=np.nan)
+            force = np.interp(u, x, y, left=np.nan, right=np.nan)
             line += f"{force:12.3f} ({100.0 * (force / right - 1.0):+4.1f})"
         lines.append(line)
     return lines

@@ -88,8 +88,8 @@ class Model:
 #
 # Each sphere comes with its own faces. The one with more of them is the secondary surface, whose
 # nodes meet the faces of the other. On curved surfaces faces that do not match cut through each
-# other, by up to 0.15 mm: `close_gaps` counts this as closed. To put the nodes onto the faces instead
-# would make the walls thinner.
+# other, by up to 0.15 mm: `close_gaps` counts this as closed. To put the nodes onto the faces
+# instead would make the walls thinner.
 #
 # The rims stay on the plane z = 0, as the symmetry of whole spheres demands. Rims that only stand
 # on it tilt and slide outwards after the snap: then the force falls where the published ones rise.

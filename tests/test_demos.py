@@ -133,7 +133,10 @@ def test_sweeping_slides_at_low_friction_and_turns(tmp_path):
 
 @pytest.mark.parametrize(("mu", "end", "codes"), [("0", 6.0, 4), ("0.5", 1.0, 3)])
 def test_concentric_spheres_stay_among_published_forces(mu, end, codes, tmp_path):
-    """The coarse mesh, without friction past the first snap: in the spread widened by 3 %."""
+    """The coarse mesh, without friction past the first snap: in the spread, or up to 5 % above.
+
+    CalculiX 2.20 is, too, on the same mesh (C3D8, surface to surface): within 1 % of it.
+    """
     done = run(DEMOS / "demo_concentric_spheres.py", "--mu", mu, "--end", end, "--output", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     table = rows(tmp_path / f"coarse_nodes_mu{mu}" / "force.csv")
@@ -148,7 +151,10 @@ def test_concentric_spheres_stay_among_published_forces(mu, end, codes, tmp_path
         if float(row["u_mm"]) in range(1, int(end) + 1):
             assert len(published) == codes
             found = np.interp(float(row["u_mm"]), u, force)
-            assert 0.97 * min(published) < found < 1.03 * max(published)
+            assert 0.97 * min(published) < found < 1.05 * max(published)
+    calculix = {2.0: 0.789, 4.0: 1.899, 5.0: 2.468, 6.0: 2.703} if mu == "0" else {}
+    for place, other in calculix.items():
+        assert np.interp(place, u, force) == pytest.approx(other, rel=0.01)
     picture = tmp_path / f"coarse_nodes_mu{mu}" / f"configuration_{end:04.1f}mm.png"
     assert picture.stat().st_size > 10_000
 
