@@ -24,6 +24,8 @@ from .two_bodies import TwoBodies
 COARSE = 1.5
 #: Smaller weights of a face's nodes count as zero: a contact on an edge does not involve them.
 WEIGHTLESS = 1e-8
+#: The same above an edge, at most.
+BESIDE = 0.1
 
 
 class NodeToFace(TwoBodies):
@@ -189,8 +191,9 @@ class NodeToFace(TwoBodies):
         primary = self.faces.gather_dofs(fixed.x.array) > 0.5
         self.update()
         face = self.faces.faces[self.pairs.face]
-        # The foot of a node with an offset above an edge is beside the edge.
-        ignored = abs(self._shapes) < (WEIGHTLESS + abs(self.offset) / self.faces.size)[:, None]
+        # The foot of a node above an edge is beside the edge where the face is inclined.
+        away = abs(self.gaps() + self.offset) / self.faces.size
+        ignored = abs(self._shapes) < np.minimum(WEIGHTLESS + away, BESIDE)[:, None]
         both = nodes & np.all(primary[face] | ignored[:, :, None], axis=1)
         alone = nodes & ~np.all(nodes, axis=1, keepdims=True)
         return np.where(self.pairs.paired[:, None], both, alone)
