@@ -101,7 +101,8 @@ class MortarElement:
         shares = corners @ np.ones(len(self.x))
         gap = corners @ self.gap
         slip = np.einsum("ckd,cd->ck", frames[:, 1:], way)
-        directions = frames[:, : len(frames[0]) - 1].reshape(len(frames), -1) * shares[:, None]
+        d = frames.shape[1]
+        directions = frames[:, : d - 1].reshape(len(frames), (d - 1) * d) * shares[:, None]
         return np.asarray(
             self._groups.to_node @ np.column_stack([gap, slip, directions, corners @ self.x])
         )

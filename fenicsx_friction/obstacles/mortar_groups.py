@@ -46,7 +46,7 @@ class Sums:
 
     def __matmul__(self, values: Array) -> Array:
         """Return the sums of values at the points, (points, ...)."""
-        flat = self.matrix @ values.reshape(len(values), -1)
+        flat = self.matrix @ values.reshape(len(values), int(np.prod(values.shape[1:])))
         return np.asarray(flat.reshape(len(self.node), *values.shape[1:]))
 
 
