@@ -23,7 +23,9 @@ from dolfinx import fem
 import fenicsx_friction as ff
 from elastic import cpu_of, elastic_problem
 from fenicsx_friction.equations.contact_terms import ContactTerms
+from fenicsx_friction.obstacles.mortar import Mortar
 from fenicsx_friction.obstacles.node_to_face import NodeToFace
+from fenicsx_friction.obstacles.two_bodies import TwoBodies
 from fenicsx_friction.solvers.snes_callbacks import Callbacks
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
@@ -32,7 +34,8 @@ import demo_concentric_spheres as spheres
 #: What is timed: a name, the class and its methods. No method of a part calls another of a part.
 PARTS = (
     ("search", NodeToFace, ("anchor", "search")),
-    ("crossings", NodeToFace, ("crossed",)),
+    ("search", Mortar, ("anchor", "search")),
+    ("crossings", TwoBodies, ("crossed",)),
     ("kinematics", ContactTerms, ("update",)),
     ("forces", ContactTerms, ("_add_forces",)),
     ("matrices", ContactTerms, ("matrices",)),

@@ -66,10 +66,10 @@ def _triangles(first: Array, second: Array) -> tuple[Indices, Array]:
     j = np.where(i + 1 < number[pair], i + 1, 0)
     a, b, start = polygon[pair, i], polygon[pair, j], polygon[:, 0]
     twice = _cross(a - start[pair], b - start[pair])
-    area = np.bincount(pair, twice, minlength=len(first)) + 0.0
+    area = np.bincount(pair, twice, minlength=len(first))
     middle = (a + b - 2.0 * start[pair]) / 3.0 * twice[:, None]
-    center = np.stack([np.bincount(pair, m, minlength=len(first)) for m in middle.T], axis=1)
-    center = start + center / np.where(area > 0.0, area, 1.0)[:, None]
+    shift = np.stack([np.bincount(pair, m, minlength=len(first)) for m in middle.T], axis=1)
+    center = start + shift / np.where(area > 0.0, area, 1.0)[:, None]
     corners = np.stack([center[pair], a, b], axis=1)
     large = sizes(corners) > EMPTY * abs(sizes(first))[pair]
     return pair[large], corners[large]

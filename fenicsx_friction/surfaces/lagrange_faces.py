@@ -69,6 +69,11 @@ class LagrangeFaces:
         """Return the number of patches."""
         return len(self.dofs) * len(self.corners)
 
+    @property
+    def affine(self) -> bool:
+        """Whether faces are flat, with constant tangents."""
+        return self.degree == 1 and self.nodes.shape[1] == self.d
+
     @cached_property
     def areas(self) -> Array:
         """The areas of the faces (m²; m in 2D)."""
