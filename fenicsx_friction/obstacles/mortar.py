@@ -61,6 +61,9 @@ class Mortar(Averaged, TwoBodies):
         near = np.any(np.isin(nodes, nodes[mine]), axis=1)
         self._wanted = np.repeat(near, len(self._facing.secondary.corners))
         self._full = self._secondary.gather(side.surface.area.x.array[:n])
+        # A node of both surfaces, as at the tip of a crack, has no gap: its hat goes to others.
+        both = self._facing.primary.rows.contains_local(side.parent_dofs[:n])
+        self._full[self._secondary.gather(both)] = np.inf
         self._inputs_before: tuple[Array, ...] | None = None
         self._last_version = 0
         self.anchor()
