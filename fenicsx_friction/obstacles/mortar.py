@@ -101,7 +101,8 @@ class Mortar(Averaged, TwoBodies):
         alone, d = self._alone(), self.side.d
         slopes[alone] = 0.0
         slopes[alone, -d:, 0] = np.eye(d)
-        return slopes.reshape(*slopes.shape[:2], -1), None
+        n, entries, points, _ = slopes.shape
+        return slopes.reshape(n, entries, points * d), None
 
     def weights(self) -> Array:
         """Return the shares of the force where all normals are the same."""
