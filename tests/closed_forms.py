@@ -188,11 +188,9 @@ def indentation(
     for tag, k in enumerate(planes, start=3):
         held = fem.locate_dofs_topological(V.sub(k), fdim, tags.find(tag))
         bcs.append(fem.dirichletbc(0.0, held, V.sub(k)))
-    # The diagonal of a nearly incompressible stiffness is far above what a contact node feels.
-    r_p = E * n if nu >= INCOMPRESSIBLE else None
     coefficient = fem.Constant(msh, mu or 0.0)
     friction = ff.Frictionless() if mu is None else ff.Coulomb(coefficient)
-    contact = ff.Contact(ff.ContactSurface(msh, tags, 1), obstacle, friction, r_p=r_p)
+    contact = ff.Contact(ff.ContactSurface(msh, tags, 1), obstacle, friction)
     problem = ff.FrictionalContactProblem(
         ufl.derivative(stored, u, v), u, contact=contact, bcs=bcs, petsc_options_prefix=prefix
     )
