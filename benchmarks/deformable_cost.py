@@ -84,7 +84,7 @@ def main() -> None:
     parser.add_argument("--mu", type=float, default=0.5)
     parser.add_argument("--steps", type=int, default=5)
     arguments = parser.parse_args()
-    model = spheres.build(arguments.density, arguments.mu)
+    model = spheres.build(spheres.Case(arguments.density, arguments.mu))
     model.press(0.1)
     model.problem.solve()  # compiles
     solves = 0

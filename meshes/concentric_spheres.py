@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Mesh of the compressed concentric spheres: an octant of two hollow spheres in hexahedra.
 
-Each octant consists of three patches of ``n x n`` faces and four layers. The spheres
-share a radius and no node: their faces are mismatched on purpose. As a script it writes a ``.msh``
-file::
+Each octant has a patch of ``n x n`` faces at the pole, down to 30 degrees from it, two of
+``n x 2 n`` faces below, and four layers; nodes on the symmetry planes are at uniform angles. These
+are the meshes of the solids4foam benchmark collection. The spheres share a radius and no node:
+their faces are mismatched on purpose. As a script it writes a ``.msh`` file::
 
     ./container python3 meshes/concentric_spheres.py --density medium spheres.msh
 """
@@ -12,12 +13,13 @@ import argparse
 from itertools import pairwise
 
 import gmsh
+import numpy as np
 
 #: Radii (mm): inside of the inner sphere, contact, outside of the outer one.
 RADII = (10.0, 12.0, 14.0)
-#: Divisions of a patch's side for the inner and the outer sphere: three times their squares are
-#: as close as can be to Puso and Laursen's 125/45, 405/125 and 405/605 faces.
-DENSITIES = {"coarse": (6, 4), "medium": (12, 6), "fine": (12, 14)}
+#: Divisions ``n`` of the inner and the outer sphere: 125/45, 405/125 and 405/605 faces, the
+#: published ones, and finer.
+DENSITIES = {"coarse": (5, 3), "medium": (9, 5), "fine": (9, 11), "finer": (14, 17)}
 #: Physical groups of facets.
 TAGS = {
     "inner contact": 1,
@@ -31,16 +33,20 @@ TAGS = {
 LAYERS = 4
 
 
-#: Directions of the points that bound the three patches of an octant, and the arcs between them.
+#: Polar angles of the patch at the pole: on the symmetry planes, and at its outermost corner.
+SIDE, CORNER = np.radians([30.0, 36.5])
+#: Directions of the points that bound the three patches of an octant.
 POINTS = {
     "x": (1, 0, 0),
     "y": (0, 1, 0),
     "z": (0, 0, 1),
     "xy": (1, 1, 0),
-    "yz": (0, 1, 1),
-    "zx": (1, 0, 1),
-    "xyz": (1, 1, 1),
+    "yz": (0, np.sin(SIDE), np.cos(SIDE)),
+    "zx": (np.sin(SIDE), 0, np.cos(SIDE)),
+    "xyz": (np.sin(CORNER), np.sin(CORNER), np.sqrt(2.0) * np.cos(CORNER)),
 }
+#: Arcs with twice the divisions.
+LONG = {frozenset(ends) for ends in (("x", "zx"), ("y", "yz"), ("xy", "xyz"))}
 PATCHES = (("x", "xy", "xyz", "zx"), ("y", "yz", "xyz", "xy"), ("z", "zx", "xyz", "yz"))
 #: The sides of the patches that lie in the planes x = 0, y = 0 and z = 0.
 PLANES = {
@@ -114,7 +120,8 @@ class _Shell:
         if key not in self._lines:
             ends = self._points[side, start], self._points[side, end]
             line = self._geo.addCircleArc(ends[0], self._center, ends[1])
-            self._geo.mesh.setTransfiniteCurve(line, self._n + 1)
+            n = 2 * self._n if frozenset((start, end)) in LONG else self._n
+            self._geo.mesh.setTransfiniteCurve(line, n + 1)
             self._lines[key] = line, start
         line, first = self._lines[key]
         return line if first == start else -line

@@ -69,6 +69,7 @@ def stack(
     obstacle=None,
     linear_solver="auto",
     method="node-to-face",
+    close_gaps=None,
     degree=1,
     **settings,
 ) -> Stack:
@@ -79,6 +80,7 @@ def stack(
         warp: Moves the nodes, ``(3, n)`` to the same.
         obstacle: Obstacle in place of the base's surface.
         method: How the bodies meet.
+        close_gaps: Gaps up to this (m) count as closed at the start.
         degree: Of the displacement.
     """
     d = len(upper)
@@ -112,7 +114,10 @@ def stack(
         ff.ContactSurface(msh, tags, 1, "secondary"),
         obstacle
         or ff.DeformableObstacle(
-            ff.ContactSurface(msh, tags, 2, "primary"), search=search, method=method
+            ff.ContactSurface(msh, tags, 2, "primary"),
+            search=search,
+            method=method,
+            close_gaps=close_gaps,
         ),
         ff.Coulomb(mu) if not isinstance(mu, ff.FrictionLaw) else mu,
     )

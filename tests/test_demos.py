@@ -136,7 +136,7 @@ def test_concentric_spheres_stay_among_published_forces(mu, end, codes, tmp_path
     """The coarse mesh, without friction past the first snap: in the spread widened by 3 %."""
     done = run(DEMOS / "demo_concentric_spheres.py", "--mu", mu, "--end", end, "--output", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
-    table = rows(tmp_path / f"coarse_mu{mu}" / "force.csv")
+    table = rows(tmp_path / f"coarse_nodes_mu{mu}" / "force.csv")
     assert max(float(row["certificate"]) for row in table) < 1e-9
     u, force = (np.array([float(r[key]) for r in table]) for key in ("displacement_mm", "force_N"))
     if end > 5.5:
@@ -149,7 +149,7 @@ def test_concentric_spheres_stay_among_published_forces(mu, end, codes, tmp_path
             assert len(published) == codes
             found = np.interp(float(row["u_mm"]), u, force)
             assert 0.97 * min(published) < found < 1.03 * max(published)
-    picture = tmp_path / f"coarse_mu{mu}" / f"configuration_{end:04.1f}mm.png"
+    picture = tmp_path / f"coarse_nodes_mu{mu}" / f"configuration_{end:04.1f}mm.png"
     assert picture.stat().st_size > 10_000
 
 

@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem, la, mesh
 
 import fenicsx_friction as ff
 from bodies import box, joined, sides, stack
@@ -192,7 +192,7 @@ def model_reaction(model):
     """Return the vertical force of the support on the base."""
     d = model.problem.u.function_space.mesh.geometry.dim
     residual = fem.assemble_vector(fem.form(model.problem.bulk))
-    residual.scatter_reverse(1)
+    residual.scatter_reverse(la.InsertMode.add)
     n = model.problem.u.function_space.dofmap.index_map.size_local
     X = model.problem.u.function_space.tabulate_dof_coordinates()[:n]
     values = residual.array[: n * d].reshape(n, d)[np.isclose(X[:, d - 1], 0.0), d - 1]

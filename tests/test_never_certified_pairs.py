@@ -165,6 +165,9 @@ def test_wrong_arguments_of_deformable_obstacles_are_refused():
             ff.DeformableObstacle(wrong)
     with pytest.raises(ff.ContactInputError, match=r"search = .*SearchPolicy"):
         ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2), search=0.5)
+    for wrong in (np.nan, -1.0, 0.0, "far", True):
+        with pytest.raises(ff.ContactInputError, match="close_gaps = "):
+            ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2), close_gaps=wrong)
     with pytest.raises(ff.ContactInputError, match="4 facets in common"):
         contact_of(model, 1, 1)
     other = stack(0.3, "arguments_other_", **FLAT)

@@ -200,6 +200,19 @@ def test_search_keeps_a_face_as_long_as_its_policy_says():
 
 
 @pytest.mark.mpi
+def test_the_solve_before_the_search_is_rough_on_the_whole_system_only():
+    """The last one never is."""
+    for solver in ("full", "condensed"):
+        model = stack(0.3, f"rough_{solver}_", **SLIDING, energy="small", solver=solver)
+        for x in (0.0, 0.33):
+            model.move(x, -0.01)
+            report = model.problem.solve()
+        solves = [s.residuals[-1] for s in report.substeps if s.name == "projection"]
+        assert len(solves) >= 2 and report.certificate.relative < 1e-9
+        assert (solves[0] > 1e3 * solves[-1]) == (solver == "full")
+
+
+@pytest.mark.mpi
 def test_the_pairs_follow_within_the_step(monkeypatch):
     """Without the search after the solve, nodes hang on faces that they have left: refused."""
     for cut in (False, True):

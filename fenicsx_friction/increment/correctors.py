@@ -21,6 +21,8 @@ SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
 SMALLEST_CONTINUATION = 1e-4
 #: Smallest part of the friction that is added in one stage.
 SMALLEST_REDUCTION = 1e-3
+#: Tolerance of a solve after which nodes look for their faces, to be solved again.
+ROUGH_TOLERANCE = 1e-3
 #: After a stage with at most this many iterations, ``xi`` falls faster.
 EASY_STAGE = 1
 
@@ -65,23 +67,32 @@ CONDENSED_FALLBACKS = (
 )
 
 
-def correct(system: ContactSystem, attempt: Attempt, forces: float) -> list[SubstepReport]:
-    """Predict with stick, correct, then solve the natural map; the unknowns hold the result."""
+def correct(
+    system: ContactSystem, attempt: Attempt, forces: float, *, roughly: bool = False
+) -> list[SubstepReport]:
+    """Predict with stick, correct, then solve the natural map; the unknowns hold the result.
+
+    Args:
+        system: The system.
+        attempt: The way to solve it.
+        forces: 2-norm of the forces of the step (N).
+        roughly: Whether the natural map is to be solved again anyway; some correctors do not mind.
+    """
     if attempt.corrector in OTHER_CORRECTORS:
         return OTHER_CORRECTORS[attempt.corrector](system, forces)
     eps = system.settings.smoothing * expected_traction(system, forces)
     reports = predict(system, eps, attempt.predictor_iterations)
     if attempt.corrector == "ramp":
         reports += _ramp(system, attempt, eps)
-    reports.append(polish(system, attempt))
+    reports.append(polish(system, attempt, roughly=roughly))
     return reports
 
 
-def polish(system: ContactSystem, attempt: Attempt) -> SubstepReport:
+def polish(system: ContactSystem, attempt: Attempt, *, roughly: bool = False) -> SubstepReport:
     """Solve the natural map."""
     return system.run(
         system.projection,
-        newton_tolerance(system),
+        ROUGH_TOLERANCE if roughly else newton_tolerance(system),
         line_search=attempt.line_search,
         max_it=attempt.max_it,
     )

@@ -109,7 +109,7 @@ class Trials:
         with system.solvers.use(condensed=way.condensed):
             if attempt is not None:
                 self.tried.append((attempt, way.condensed))
-                found = _solve(system, attempt, way.forces)
+                found = _solve(system, attempt, way)
                 self.substeps += found
                 converged = found[-1].converged
                 if way.condensed and not converged and found[-1].reason != NOT_BALANCED:
@@ -148,32 +148,40 @@ def _close(system: ContactSystem, *, again: bool) -> None:
         k.close_touching()
 
 
-def _solve(system: ContactSystem, attempt: Attempt, forces: float) -> list[SubstepReport]:
-    """Solve in one way and follow what the nodes meet."""
+def _solve(system: ContactSystem, attempt: Attempt, way: Way) -> list[SubstepReport]:
+    """Solve in one way and follow what the nodes meet.
+
+    Where an iteration costs a factor of the bulk, the first solve need not be exact: most often
+    some node meets another face after it.
+    """
+    roughly = not way.condensed and any(k.pairing.deformable for k in system.contacts)
     with _scaled(system, attempt.r_factor):
-        substeps = correct(system, attempt, forces)
+        substeps = correct(system, attempt, way.forces, roughly=roughly)
         if substeps[-1].converged:
             substeps += rebalance(system, attempt)
         if substeps[-1].converged:
-            substeps += _settle(system, attempt)
+            substeps += _settle(system, attempt, roughly=roughly)
     return substeps
 
 
-def _settle(system: ContactSystem, attempt: Attempt) -> list[SubstepReport]:
+def _settle(system: ContactSystem, attempt: Attempt, *, roughly: bool) -> list[SubstepReport]:
     """Search again for what the nodes meet, and solve again, until nothing changes.
 
-    The certificate is for the result of the last search.
+    The certificate is for the result of the last search. After a rough solve comes another one
+    even if nothing has changed.
     """
     reports: list[SubstepReport] = []
     for searched in range(MAX_SEARCHES):
+        again = roughly and searched == 0
         changed = [k.pairing.search() for k in system.contacts]
-        if not any(changed) or searched == MAX_SEARCHES - 1:
+        if not (any(changed) or again) or searched == MAX_SEARCHES - 1:
             break
-        tell(system.comm, logging.DEBUG, "search %d: nodes meet other faces", searched + 1)
+        if any(changed):
+            tell(system.comm, logging.DEBUG, "search %d: nodes meet other faces", searched + 1)
         reports.append(polish(system, attempt))
         if reports[-1].converged:
             reports += rebalance(system, attempt)
-        if not reports[-1].converged or reports[-1].iterations == 0:
+        if not reports[-1].converged or (reports[-1].iterations == 0 and not again):
             break  # what has changed makes no difference
     return reports
 

@@ -30,7 +30,8 @@ class Averaged(Pairing):
 
     def normals(self) -> Array:
         """Return the unit normals along the averages."""
-        return self.frames()[:, 0]
+        normal = self.values()[:, slice(*slices(self.side.d)[2])]
+        return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
     def frames(self) -> Array:
         """Return frames along the averages, made orthonormal."""

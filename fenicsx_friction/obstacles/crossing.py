@@ -48,17 +48,23 @@ class Motion:
 
     @classmethod
     def between(
-        cls, faces: FaceSet, nodes: FaceSet, ends: tuple[fem.Function, fem.Function]
+        cls,
+        faces: FaceSet,
+        nodes: FaceSet,
+        ends: tuple[fem.Function, fem.Function],
+        offset: Array,
     ) -> Motion:
-        """Return the motion of faces and owned nodes between two displacements; collective."""
+        """Return the motion of faces and owned nodes between two displacements; collective.
+
+        The nodes are moved outwards by their offsets (m): where gaps count from.
+        """
         positions = [nodes.positions(u) for u in ends]
+        first, second = (nodes.node_normals(x)[nodes.own] for x in positions)
+        x, y = (x[nodes.own] for x in positions)
         return cls(
             face_x=(faces.positions(ends[0]), faces.positions(ends[1])),
-            x=(positions[0][nodes.own], positions[1][nodes.own]),
-            directions=(
-                nodes.node_normals(positions[0])[nodes.own],
-                nodes.node_normals(positions[1])[nodes.own],
-            ),
+            x=(x + offset[:, None] * first, y + offset[:, None] * second),
+            directions=(first, second),
         )
 
 

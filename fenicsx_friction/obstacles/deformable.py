@@ -11,7 +11,7 @@ from .matching import faces_match
 from .mortar import Mortar
 from .node_to_face import NodeToFace
 from .obstacle import Obstacle
-from .search import SearchPolicy
+from .search import SearchPolicy, check_positive
 from .side import Side
 from .two_bodies import TwoBodies
 
@@ -33,11 +33,16 @@ class DeformableObstacle(Obstacle):
         search: How far surfaces see each other, see ``SearchPolicy``.
         method: ``"mortar"``, ``"node-to-face"``, or ``None``: node to face where the faces match at
             the start and have dofs at their vertices only, else mortar.
+        close_gaps: Gaps and overlaps of the undeformed bodies up to this (m) count as closed: what
+            a node has there is subtracted from its gap for good. No node of the mesh is moved, so
+            walls stay as thick as they are (see ``close_initial_gaps``). Without it, gaps are
+            what they are.
     """
 
     primary: ContactSurface
     search: SearchPolicy | None = field(default=None, kw_only=True)
     method: str | None = field(default=None, kw_only=True)
+    close_gaps: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check surface, policy and method."""
@@ -55,6 +60,9 @@ class DeformableObstacle(Obstacle):
                 f"DeformableObstacle: method = {self.method!r} must be one of "
                 f"{', '.join(METHODS)}, or None."
             )
+        if self.close_gaps is not None:
+            meaning = "the largest gap or overlap (m) that counts as closed at the start"
+            check_positive(self.close_gaps, "close_gaps", meaning)
 
     def meet(self, side: Side) -> TwoBodies:
         """Return the pairing of a side's nodes with this surface; collective.
@@ -72,7 +80,10 @@ class DeformableObstacle(Obstacle):
         method = self.method
         if method is None:
             method = "node-to-face" if nodal and self._matches(side, policy) else "mortar"
-        return METHODS[method](self.primary, policy, side)
+        pairing = METHODS[method](self.primary, policy, side)
+        if self.close_gaps is not None:
+            pairing.close_gaps(self.close_gaps)
+        return pairing
 
     def _matches(self, side: Side, policy: SearchPolicy) -> bool:
         """Tell whether the faces of both surfaces match; collective."""

@@ -83,6 +83,7 @@ class Mortar(Averaged, TwoBodies):
         n, width = self.side.surface.num_owned, self.field.function_space.dofmap.bs
         rows = self.field.x.array[: n * width].reshape(n, width)
         rows[:] = element.values()
+        rows[:, 0] -= self.offset
         d, alone = self.side.d, self._alone()
         rows[:, width - d :] += self._facing.origin(self.side.u.x.array)
         if np.any(alone):
@@ -136,6 +137,10 @@ class Mortar(Averaged, TwoBodies):
         u, hint = self.side.u.x.array.reshape(-1, self.side.d), self.side.nodal(self.side.hint)
         first, second = self._facing.owned
         return u[first], u[second], hint.copy()
+
+    def meeting(self) -> Mask:
+        """Tell which owned nodes see something."""
+        return ~self._alone()
 
     def _alone(self) -> Mask:
         """Tell which owned nodes meet nothing."""
@@ -205,19 +210,9 @@ class Mortar(Averaged, TwoBodies):
         """Return the face of each node at the start of the step, or -1; collective."""
         u_old = self.side.u_old
         x, own = self._secondary.positions(u_old), self._secondary.own
-        held, directions = (
-            np.ones(own.stop - own.start, dtype=bool),
-            self._secondary.node_normals(x),
-        )
-        parts = (
-            self.faces,
-            self.faces.positions(u_old),
-            x[own],
-            directions[own],
-            self.policy,
-            held,
-        )
-        return find_pairs(*parts).face
+        held, directions = np.ones(own.stop - own.start, bool), self._secondary.node_normals(x)
+        parts = (self.faces, self.faces.positions(u_old), x[own], directions[own], self.policy)
+        return find_pairs(*parts, held).face
 
     def acting(self) -> tuple[Array, Array]:
         """Return all points (m) and the forces on the body there (N); collective."""
@@ -228,13 +223,20 @@ class Mortar(Averaged, TwoBodies):
     def penetration(self) -> float:
         """Return the largest penetration of a point (m), on this rank; collective."""
         self.update()
-        return float(np.max(-self._element.gap, initial=0.0))
+        return float(np.max(self._depths(), initial=0.0))
+
+    def _depths(self) -> Array:
+        """Return how deep the points are in the other body (m); collective."""
+        secondary, points = self._facing.secondary, self._element.points
+        nodes = secondary.nodes[secondary.face_of(points.patch)]
+        offset = self._secondary.gather(self.offset)[nodes]
+        return np.asarray(np.sum(secondary.hats(points.xi) * offset, axis=1) - self._element.gap)
 
     def missed(self, closed: Mask) -> Mask:
         """Tell which open nodes have points deep in the other body; collective."""
         self.update()
         shares, deepest = self._element.shares, np.zeros(len(closed))
-        np.maximum.at(deepest, shares.node, -self._element.gap[shares.point])
+        np.maximum.at(deepest, shares.node, self._depths()[shares.point])
         return np.asarray(~closed & (deepest > DEEP * self.side.facet_size()))
 
     def partners(self, V: Any) -> npt.NDArray[np.int32]:

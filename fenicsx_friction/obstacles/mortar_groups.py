@@ -6,6 +6,7 @@ A *corner* is a node with a patch round it, a *couple* a node with a patch and a
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -46,7 +47,7 @@ class Sums:
 
     def __matmul__(self, values: Array) -> Array:
         """Return the sums of values at the points, (points, ...)."""
-        flat = self.matrix @ values.reshape(len(values), int(np.prod(values.shape[1:])))
+        flat = self.matrix @ values.reshape(len(values), math.prod(values.shape[1:]))
         return np.asarray(flat.reshape(len(self.node), *values.shape[1:]))
 
 

@@ -66,6 +66,7 @@ class NodeToFace(TwoBodies):
         width = self.field.function_space.dofmap.bs
         rows = self.field.x.array[: n * width].reshape(n, width)
         rows[:, :size] = values[:, :size]
+        rows[:, 0] -= self.offset
         alone = ~self.pairs.paired
         if np.any(alone):
             rows[alone, :size] = self.alone(alone)
@@ -165,6 +166,10 @@ class NodeToFace(TwoBodies):
     def started(self) -> npt.NDArray[np.int64]:
         """Return the face of each node at the start of the step, or -1."""
         return self._history.start.face
+
+    def meeting(self) -> Mask:
+        """Tell which owned nodes have a face."""
+        return self.pairs.paired
 
     def partners(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Return the (blocked) dofs of this rank's primary nodes."""

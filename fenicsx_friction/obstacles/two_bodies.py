@@ -20,6 +20,9 @@ from .obstacle import Mask, Pairing, View
 from .search import TIE, SearchPolicy, nearest_faces
 from .side import Side
 
+#: An offset is known along the node's own normal: part of it by which it is in doubt.
+TILTED = 0.1
+
 
 class TwoBodies(Pairing):
     """A secondary surface that meets the primary surface of another body.
@@ -31,6 +34,7 @@ class TwoBodies(Pairing):
 
     Attributes:
         faces: The faces of the primary surface on all ranks.
+        offset: What is subtracted from the gap of each owned node (m), see :meth:`close_gaps`.
     """
 
     deformable = tilted = True
@@ -41,10 +45,41 @@ class TwoBodies(Pairing):
         super().__init__(side)
         self.primary, self.policy = primary, policy
         self.faces, self._secondary = FaceSet(primary, side.u), FaceSet(side.surface, side.u)
+        self.offset, self._doubt = np.zeros(side.surface.num_owned), 0.0
 
     @abstractmethod
     def started(self) -> npt.NDArray[np.int64]:
         """Return the face of each owned node at the last accepted displacement, or -1."""
+
+    @abstractmethod
+    def meeting(self) -> Mask:
+        """Tell which owned nodes meet something."""
+
+    def close_gaps(self, limit: float) -> None:
+        """Count gaps and overlaps of the undeformed bodies as zero from now on; collective.
+
+        The offset depends on the mesh alone: a run that goes on from a checkpoint has the same.
+
+        Args:
+            limit: Nodes with a larger gap or overlap (m) keep it.
+        """
+        state = (self.side.u, self.side.u_old, self.side.c)
+        kept = [f.x.array.copy() for f in state]
+        try:
+            for f in state:
+                f.x.array[:] = 0.0
+            self.offset = np.zeros_like(self.offset)
+            self.anchor()
+            gaps = self.gaps().copy()
+            near = self.meeting() & (abs(gaps) <= limit)
+        finally:
+            for f, values in zip(state, kept, strict=True):
+                f.x.array[:] = values
+        self.offset = np.where(near, gaps, 0.0)
+        largest = float(np.max(abs(self.offset), initial=0.0))
+        comm = self.primary.mesh.comm
+        self._doubt = TILTED * comm.allreduce(largest, MPI.MAX) / self.faces.size
+        self.anchor()
 
     def alone(self, nodes: Mask) -> Array:
         """Return the field of nodes that meet nothing, but for the position: open, with a frame."""
@@ -74,12 +109,15 @@ class TwoBodies(Pairing):
         reach, over = self.policy.distance(self.faces), near.overhang <= TIE
         looks = np.sum(outward[near.face] * directions, axis=1) < 0.0
         lost = np.where(over & looks & (near.gap < -reach), -near.gap, 0.0)
-        return View(cosine, np.where(over & (near.gap >= -reach), near.gap, np.inf), lost)
+        gap = np.where(over & (near.gap >= -reach), near.gap - self.offset, np.inf)
+        return View(cosine, gap, lost)
 
     def crossed(self, closed: Mask) -> Mask:
         """Tell which nodes have gone through faces since the last step; collective."""
-        motion = Motion.between(self.faces, self._secondary, (self.side.u_old, self.side.u))
-        return find_crossed(self.faces, motion, ~closed, self.started(), self.behind)
+        ends = (self.side.u_old, self.side.u)
+        motion = Motion.between(self.faces, self._secondary, ends, self.offset)
+        depth = self.behind + self._doubt
+        return find_crossed(self.faces, motion, ~closed, self.started(), depth)
 
     def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
         """Return the smallest stiffness over area (Pa/m) of the primary nodes; collective."""
