@@ -2,6 +2,7 @@
 """What contact costs between deformable bodies: search and contact elements, as parts of a step.
 
     ./container python3 benchmarks/deformable_cost.py [--density medium] [--mu 0.5] [--steps 5]
+                                                      [--method nodes]
 
 The concentric spheres are pressed by steps of 0.2 mm. Timed are the search, the contact elements
 (kinematics, forces, matrices and the sparsity they need) and the whole; the unit beside it is one
@@ -83,8 +84,9 @@ def main() -> None:
     parser.add_argument("--density", default="medium")
     parser.add_argument("--mu", type=float, default=0.5)
     parser.add_argument("--steps", type=int, default=5)
+    parser.add_argument("--method", default="mortar", help="or nodes")
     arguments = parser.parse_args()
-    model = spheres.build(spheres.Case(arguments.density, arguments.mu))
+    model = spheres.build(spheres.Case(arguments.density, arguments.mu, method=arguments.method))
     model.press(0.1)
     model.problem.solve()  # compiles
     solves = 0

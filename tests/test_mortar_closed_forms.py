@@ -183,7 +183,7 @@ def test_a_closed_crack_slips_as_in_closed_form():
         exact = largest * np.sqrt(np.maximum(1.0 - x**2, 0.0))
         errors.append(np.linalg.norm((slip - exact)[inside]) / np.linalg.norm(exact[inside]))
         p, middle = contact.multipliers()[:, 0], abs(x) < 0.5
-        assert p[middle] == pytest.approx(11.697778, rel=0.03)
+        assert p[middle] == pytest.approx(11.697778, rel=0.02 if upper == 24 else 0.004)
     assert errors[1] < 0.018
     assert errors[1] < 0.6 * errors[0]
 
