@@ -2,6 +2,7 @@
 """What contact costs between deformable bodies: search and contact elements, as parts of a step.
 
     ./container python3 benchmarks/deformable_cost.py [--density medium] [--mu 0.5] [--steps 5]
+                                                      [--method nodes]
 
 The concentric spheres are pressed by steps of 0.2 mm. Timed are the search, the contact elements
 (kinematics, forces, matrices and the sparsity they need) and the whole; the unit beside it is one
@@ -23,7 +24,9 @@ from dolfinx import fem
 import fenicsx_friction as ff
 from elastic import cpu_of, elastic_problem
 from fenicsx_friction.equations.contact_terms import ContactTerms
+from fenicsx_friction.obstacles.mortar import Mortar
 from fenicsx_friction.obstacles.node_to_face import NodeToFace
+from fenicsx_friction.obstacles.two_bodies import TwoBodies
 from fenicsx_friction.solvers.snes_callbacks import Callbacks
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
@@ -32,7 +35,8 @@ import demo_concentric_spheres as spheres
 #: What is timed: a name, the class and its methods. No method of a part calls another of a part.
 PARTS = (
     ("search", NodeToFace, ("anchor", "search")),
-    ("crossings", NodeToFace, ("crossed",)),
+    ("search", Mortar, ("anchor", "search")),
+    ("crossings", TwoBodies, ("crossed",)),
     ("kinematics", ContactTerms, ("update",)),
     ("forces", ContactTerms, ("_add_forces",)),
     ("matrices", ContactTerms, ("matrices",)),
@@ -80,8 +84,9 @@ def main() -> None:
     parser.add_argument("--density", default="medium")
     parser.add_argument("--mu", type=float, default=0.5)
     parser.add_argument("--steps", type=int, default=5)
+    parser.add_argument("--method", default="mortar", help="or nodes")
     arguments = parser.parse_args()
-    model = spheres.build(spheres.Case(arguments.density, arguments.mu))
+    model = spheres.build(spheres.Case(arguments.density, arguments.mu, method=arguments.method))
     model.press(0.1)
     model.problem.solve()  # compiles
     solves = 0

@@ -119,7 +119,7 @@ def build(how: Case, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Model:
         ff.ContactSurface(msh, tags, tag[secondary], secondary),
         ff.DeformableObstacle(
             ff.ContactSurface(msh, tags, tag[primary], primary),
-            method="mortar" if how.method == "mortar" else None,
+            method="mortar" if how.method == "mortar" else "node-to-face",
             close_gaps=0.5,
         ),
         ff.Coulomb(how.mu) if how.mu > 0.0 else ff.Frictionless(),

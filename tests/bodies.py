@@ -68,7 +68,7 @@ def stack(
     warp=None,
     obstacle=None,
     linear_solver="auto",
-    method=None,
+    method="node-to-face",
     close_gaps=None,
     degree=1,
     **settings,

@@ -149,7 +149,7 @@ class Tractions:
 
 def indentation(
     dim: int, n: int, prefix: str, *, mu: float | None = None, nu: float, full_x: bool,
-    far: float, growth: float, crowned: bool = False,
+    far: float, growth: float, crowned: bool = False, degree: int = 1,
 ) -> Indentation:  # fmt: skip
     """Build the block: ``n`` cells on the nominal half-width 1, symmetry where it holds.
 
@@ -163,6 +163,7 @@ def indentation(
         far: Half-width and height of the block.
         growth: Growth of the cells away from the contact.
         crowned: The block is curved and the obstacle is a plane, or else the other way round.
+        degree: Of the displacement.
     """
     side, down = graded(n, 1.25, far, growth), -graded(n, 0.5, far, growth)[::-1]
     x = np.concatenate([-side[:0:-1], side]) if full_x else side
@@ -179,7 +180,7 @@ def indentation(
         obstacle = ff.RigidPlane(origin, -up, motion=motion)
         X = msh.geometry.x
         X[:, last] -= np.sum(X[:, :last] ** 2, axis=1) / (2.0 * RADIUS) * (1.0 + X[:, last] / far)
-    V = fem.functionspace(msh, ("Lagrange", 1, (dim,)))
+    V = fem.functionspace(msh, ("Lagrange", degree, (dim,)))
     u, v = fem.Function(V, name="u"), ufl.TestFunction(V)
     density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E, nu))
     stored = ff.bulk.stored_energy(density, ufl.dx, bbar=nu >= INCOMPRESSIBLE)
@@ -188,11 +189,9 @@ def indentation(
     for tag, k in enumerate(planes, start=3):
         held = fem.locate_dofs_topological(V.sub(k), fdim, tags.find(tag))
         bcs.append(fem.dirichletbc(0.0, held, V.sub(k)))
-    # The diagonal of a nearly incompressible stiffness is far above what a contact node feels.
-    r_p = E * n if nu >= INCOMPRESSIBLE else None
     coefficient = fem.Constant(msh, mu or 0.0)
     friction = ff.Frictionless() if mu is None else ff.Coulomb(coefficient)
-    contact = ff.Contact(ff.ContactSurface(msh, tags, 1), obstacle, friction, r_p=r_p)
+    contact = ff.Contact(ff.ContactSurface(msh, tags, 1), obstacle, friction)
     problem = ff.FrictionalContactProblem(
         ufl.derivative(stored, u, v), u, contact=contact, bcs=bcs, petsc_options_prefix=prefix
     )

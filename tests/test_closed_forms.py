@@ -233,6 +233,23 @@ def test_hertz_sphere():
     assert peaks[-1] < 0.005
 
 
+def test_hertz_sphere_with_quadratic_displacements():
+    """Averages (Q2): profile, largest pressure and penetration fall with the mesh."""
+    errors, peaks, deepest = [], [], []
+    for n in (2, 4):
+        model = indentation(
+            3, n, f"quadratic_{n}_", nu=0.3, full_x=False, far=10.0, growth=1.4, degree=2
+        )
+        report = model.move(0.0, 0.0093)
+        t = model.tractions()
+        peaks.append(abs(np.max(t.pressure) / t.hertz.p0 - 1.0))
+        errors.append(t.norm(t.pressure - t.hertz.pressure(t.r)))
+        deepest.append(report.contacts[0].penetration / 0.0093)
+    assert errors[1] < 0.18 and errors[0] > 1.6 * errors[1]
+    assert peaks[1] < 0.01
+    assert deepest[1] < 0.016 and deepest[0] > 2.0 * deepest[1]
+
+
 # -- Cattaneo and Mindlin ----------------------------------------------------------------------
 
 

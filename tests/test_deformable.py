@@ -21,6 +21,8 @@ FLAT = {
     "hexahedron": {},
 }
 
+BOTH = pytest.mark.parametrize("method", ["node-to-face", "mortar"])
+
 
 # -- two blocks -----------------------------------------------------------------------------------
 
@@ -97,10 +99,11 @@ def test_patch_test_with_faces_that_do_not_match(upper, lower, worst, mean):
     assert report.contacts[0].force[2] == pytest.approx(1e5, rel=0.006)
 
 
+@BOTH
 @pytest.mark.mpi
-def test_turning_both_bodies_turns_the_forces():
+def test_turning_both_bodies_turns_the_forces(method):
     """A stuck pair under shear, turned with its supports by 40 degrees in two steps."""
-    model = stack(5.0, "turning_", upper=(3, 3, 2), lower=(2, 2, 2))
+    model = stack(5.0, f"turning_{method}_", upper=(3, 3, 2), lower=(2, 2, 2), method=method)
     model.move(0.01, 0.0, -0.02)
     before = model.problem.solve().contacts[0]
     assert before.stick == 16
@@ -168,12 +171,14 @@ def test_nodes_that_slide_off_the_edge_are_let_go():
     assert report.contacts[0].force[2] > 0.0
 
 
+@BOTH
 @pytest.mark.mpi
-def test_more_ranks_have_the_same_answer():
+def test_more_ranks_have_the_same_answer(method):
     """Also where a rank has no node of the one or the other surface."""
     results = []
     for comm in (MPI.COMM_SELF, MPI.COMM_WORLD):
-        model = stack(0.4, f"ranks_{comm.size}_{comm is MPI.COMM_WORLD}_", comm=comm)
+        name = f"ranks_{method}_{comm.size}_{comm is MPI.COMM_WORLD}_"
+        model = stack(0.4, name, comm=comm, method=method)
         for x in (0.01, 0.06, 0.2, 0.1):
             model.move(x, 0.5 * x, -0.02)
             model.problem.solve()
@@ -184,17 +189,18 @@ def test_more_ranks_have_the_same_answer():
     assert u == pytest.approx(w, abs=1e-9 * np.max(abs(u)))
 
 
+@BOTH
 @pytest.mark.mpi
-def test_resumed_run_equals_the_uninterrupted_one(tmp_path, comm):
+def test_resumed_run_equals_the_uninterrupted_one(tmp_path, comm, method):
     path = comm.bcast(tmp_path) / "pairs.h5"
     steps = [(0.0, -0.02), (0.06, -0.02), (0.2, -0.02), (0.1, -0.03)]
-    model = stack(0.4, "pairs_uninterrupted_")
+    model = stack(0.4, f"pairs_uninterrupted_{method}_", method=method)
     for k, (x, z) in enumerate(steps):
         model.move(x, 0.0, z)
         model.problem.solve()
         if k == 1:
             write_checkpoint(path, model.problem)
-    again = stack(0.4, "pairs_resumed_")
+    again = stack(0.4, f"pairs_resumed_{method}_", method=method)
     read_checkpoint(path, again.problem)
     for x, z in steps[2:]:
         again.move(x, 0.0, z)
@@ -206,9 +212,10 @@ def test_resumed_run_equals_the_uninterrupted_one(tmp_path, comm):
 # -- broken on purpose ----------------------------------------------------------------------------
 
 
-def test_dropped_derivatives_are_seen(monkeypatch):
+@BOTH
+def test_dropped_derivatives_are_seen(method, monkeypatch):
     monkeypatch.setattr(contact_terms, "_element_matrices", without_stencil)
-    model = stack(0.5, "dropped_")
+    model = stack(0.5, f"dropped_{method}_", method=method)
     model.move(0.0, 0.0, -0.02)
     assert ff.check_jacobian(model.problem).error > 1e-3
 

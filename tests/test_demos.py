@@ -114,7 +114,7 @@ def test_sweeping_slides_at_low_friction_and_turns(tmp_path):
     low, high = (rows(tmp_path / f"mu{mu}" / "history.csv") for mu in ("0.2", "2"))
     assert max(float(row["certificate"]) for row in low + high) < 1e-9
     at = lambda table, time: next(r for r in table if abs(float(r["time"]) - time) < 1e-9)  # noqa: E731
-    assert int(at(low, 1.1)["stick"]) > 40
+    assert int(at(low, 1.1)["stick"]) > 30
     assert int(at(high, 1.1)["stick"]) == 45
     # Coulomb's bound in full slip, more friction and a lower normal reaction with the higher mu.
     sliding = at(low, 2.0)

@@ -139,18 +139,105 @@ def test_mini_and_taylor_hood_with_a_pressure_have_their_exact_force(make, cell)
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_curved_cells_are_refused(cell):
+def test_displacements_that_do_not_follow_curved_facets_are_refused(cell):
     d = CELLS[cell]
-    points = basix.create_element(
-        basix.ElementFamily.P, getattr(basix.CellType, cell), 2, basix.LagrangeVariant.equispaced
-    ).points
-    second = basix.ufl.element(
-        "Lagrange", cell, 2, lagrange_variant=basix.LagrangeVariant.equispaced, shape=(d,)
+    msh = mesh.create_mesh(MPI.COMM_SELF, *one_curved_cell(cell))
+    V = fem.functionspace(msh, ("Lagrange", 1, (d,)))
+    with pytest.raises(
+        ff.ContactInputError, match=r"degree 1 on the facets.*geometry has degree 2"
+    ):
+        pressed_on_a_plane(msh, V)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_cell_that_is_curved_into_itself_is_refused(cell):
+    d = CELLS[cell]
+    cells, element, points = one_curved_cell(cell)
+    middle = np.argmin(np.linalg.norm(points - 0.5 * np.eye(d)[0], axis=1))
+    points[middle, 0] = 2.0
+    msh = mesh.create_mesh(MPI.COMM_SELF, cells, element, points)
+    with pytest.raises(ff.ContactInputError, match=r"curved so much that det J has both signs"):
+        pressed_on_a_plane(msh, fem.functionspace(msh, ("Lagrange", 2, (d,))))
+
+
+def one_curved_cell(cell):
+    """Return cells, coordinate element and points of one cell of degree 2."""
+    variant = basix.LagrangeVariant.equispaced
+    kind = getattr(basix.CellType, cell)
+    points = basix.create_element(basix.ElementFamily.P, kind, 2, variant).points.copy()
+    second = basix.ufl.element("Lagrange", cell, 2, lagrange_variant=variant, shape=(CELLS[cell],))
+    return np.arange(len(points))[None, :], second, points
+
+
+def pressed_on_a_plane(msh, V):
+    """Make a problem of one cell on a plane."""
+    d = msh.geometry.dim
+    tags = tagged_facets(msh, lambda x: np.isclose(x[d - 1], 0.0))
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(1.0, 0.3))
+    plane = ff.RigidPlane([0.0] * d, [0.0] * (d - 1) + [1.0])
+    return ff.FrictionalContactProblem(
+        ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v),
+        u,
+        contact=ff.Contact(ff.ContactSurface(msh, tags, 1), plane, ff.Frictionless()),
+        petsc_options_prefix="curved_",
     )
-    msh = mesh.create_mesh(MPI.COMM_SELF, np.arange(len(points))[None, :], second, points)
-    tags = mesh.meshtags(msh, d - 1, np.array([0], dtype=np.int32), 1)
-    with pytest.raises(ff.ContactInputError, match=r"geometry of degree 2.*of degree 1"):
-        ff.ContactSurface(msh, tags, 1)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+@pytest.mark.parametrize("degree", [2, 3])
+def test_a_curved_ring_on_a_cylinder_converges(cell, degree):
+    """A ring of cells of degree 2, shrunk on a rigid cylinder: Lamé's pressure, of order four."""
+    errors = [ring_on_a_cylinder(cell, n, degree, f"ring_{cell}_{degree}_{n}_") for n in (4, 8)]
+    assert errors[1] < 3e-4
+    assert errors[1] < errors[0] / 12.0
+
+
+def ring_on_a_cylinder(cell, n, degree, name):
+    """Return the relative error of the mean pressure in a quarter of a ring, plane strain."""
+    inner, outer, excess, E, nu = 1.0, 2.0, 0.01, 1000.0, 0.3
+    kind = getattr(mesh.CellType, cell)
+    flat = mesh.create_rectangle(MPI.COMM_WORLD, [[0.0, 0.0], [1.0, 1.0]], [n // 2, n], kind)
+    element = basix.ufl.element("Lagrange", cell, 2, shape=(2,))
+    W = fem.functionspace(flat, element)
+    x = W.tabulate_dof_coordinates()[: W.dofmap.index_map.size_local]
+    r, angle = inner + (outer - inner) * x[:, 0], np.pi / 2.0 * x[:, 1]
+    own = W.dofmap.list[: flat.topology.index_map(2).size_local]
+    cells = W.dofmap.index_map.local_to_global(own.ravel()).reshape(own.shape)
+    x = np.column_stack([r * np.cos(angle), r * np.sin(angle)])
+    msh = mesh.create_mesh(MPI.COMM_WORLD, cells, element, x)
+    sides = [lambda x: np.hypot(x[0], x[1]) < inner + 1e-6]
+    sides += [lambda x, k=k: np.isclose(x[k], 0.0) for k in (0, 1)]
+    tags = tagged_facets(msh, *sides)
+    V = fem.functionspace(msh, ("Lagrange", degree, (2,)))
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E, nu))
+    held = [fem.locate_dofs_topological(V.sub(k), 1, tags.find(2 + k)) for k in (0, 1)]
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1),
+        ff.RigidSphere((0.0, 0.0), inner + excess),
+        ff.Frictionless(),
+    )
+    problem = ff.FrictionalContactProblem(
+        ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v),
+        u,
+        contact=contact,
+        bcs=[fem.dirichletbc(0.0, dofs, V.sub(k)) for k, dofs in enumerate(held)],
+        petsc_options_prefix=name,
+    )
+    assert problem.solve().certified
+    # u = A r + B / r, without stress outside.
+    G, lam = E / (2.0 * (1.0 + nu)), E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    stresses = [[inner, 1.0 / inner], [2.0 * (lam + G), -2.0 * G / outer**2]]
+    A, B = np.linalg.solve(stresses, [excess, 0.0])
+    exact = 2.0 * G * B / inner**2 - 2.0 * (lam + G) * A
+    sums = [
+        np.sum(contact.nodal_area() * contact.multipliers()[:, 0]),
+        np.sum(contact.nodal_area()),
+    ]
+    force, area = problem.comm.allreduce(np.array(sums))
+    return abs(force / area / exact - 1.0)
 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])

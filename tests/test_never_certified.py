@@ -2,7 +2,6 @@
 
 from mpi4py import MPI
 
-import basix.ufl
 import numpy as np
 import pytest
 import ufl
@@ -220,14 +219,6 @@ def test_obstacles_without_a_normal(obstacle, match):
     """They are named, not the loads."""
     with refused(match):
         pressed_block(obstacle=obstacle)
-
-
-def test_a_curved_mesh():
-    second = basix.ufl.element("Lagrange", "triangle", 2, shape=(2,))
-    x = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.6], [0.0, 0.5], [0.5, -0.1]])
-    msh = mesh.create_mesh(MPI.COMM_SELF, np.array([[0, 1, 2, 3, 4, 5]]), second, x)
-    with refused("geometry of degree 2"):
-        ff.ContactSurface(msh, tagged_facets(msh, lambda x: x[1] < 0.1), 1)
 
 
 class Weakening(ff.FrictionLaw):

@@ -110,7 +110,7 @@ def crowned(dim, prefix, *, E, nu, radius, a, n, far, growth, full_x):
 def test_cattaneo_mindlin_cylinders():
     """R = 8, E = 200, nu = 0.3, mu = 0.2, P = 10, Q = 0.936: c/a = 0.7293 (Johnson, 7.2).
 
-    Three faces of the lower cylinder meet four of the upper: a single pass chatters a bit.
+    Three faces of the lower cylinder meet four of the upper.
     """
     E, nu, radius, mu, n = 200.0, 0.3, 8.0, 0.2, 16
     modulus, a = E / (2.0 * (1.0 - nu**2)), 0.6808
@@ -129,8 +129,8 @@ def test_cattaneo_mindlin_cylinders():
     assert np.max(r[states == ff.STICK]) == pytest.approx(c, abs=1.01 * h)
     assert np.min(r[states == ff.SLIP]) == pytest.approx(c, abs=1.01 * h)
     exact = mu * p0 * (ellipse(r, size) - c / size * ellipse(r, c))
-    assert distance(area, pressure, p0 * ellipse(r, size)) < 0.06
-    assert distance(area, -shear, exact) < 0.1
+    assert distance(area, pressure, p0 * ellipse(r, size)) < 0.02
+    assert distance(area, -shear, exact) < 0.06
 
 
 def test_hertz_hemispheres():
@@ -218,7 +218,7 @@ def threshold(prefix, E, cells):
     F += 4.0 / 20.0 * ufl.dot(u, t) * ufl.dot(v, t) * ds(5)
     contact = ff.Contact(
         ff.ContactSurface(msh, tags, 1, "block"),
-        ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2, "base")),
+        ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2, "base"), method="node-to-face"),
         ff.Coulomb(0.3),
     )
     held = fem.locate_dofs_topological(V, 1, tags.find(3))

@@ -340,7 +340,7 @@ def test_what_a_gap_cannot_contain_on_average_is_refused():
             )
 
 
-def test_two_bodies_need_values_at_the_vertices():
+def test_node_to_face_needs_values_at_the_vertices():
     msh = mesh.create_unit_square(MPI.COMM_WORLD, 3, 3)
     tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0), lambda x: np.isclose(x[1], 1.0))
     V = fem.functionspace(msh, ("Lagrange", 2, (2,)))
@@ -348,6 +348,7 @@ def test_two_bodies_need_values_at_the_vertices():
     density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E, NU))
     F = ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, ufl.TestFunction(V))
     surfaces = [ff.ContactSurface(msh, tags, tag, name) for tag, name in ((1, "low"), (2, "top"))]
-    contact = ff.Contact(surfaces[0], ff.DeformableObstacle(surfaces[1]), ff.Coulomb(0.3))
-    with pytest.raises(ff.ContactInputError, match=r"node to face and needs P1, Q1 or MINI"):
+    obstacle = ff.DeformableObstacle(surfaces[1], method="node-to-face")
+    contact = ff.Contact(surfaces[0], obstacle, ff.Coulomb(0.3))
+    with pytest.raises(ff.ContactInputError, match=r'needs P1, Q1 or MINI. Take method="mortar"'):
         ff.FrictionalContactProblem(F, u, contact=contact, petsc_options_prefix="two_")

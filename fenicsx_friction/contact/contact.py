@@ -18,9 +18,7 @@ from ..surfaces.nodal_kernel import NodalKernel
 from ..surfaces.surface import ContactSurface
 from .law_rows import LawRows
 from .prescribed import Prescribed, touch
-
-#: The scale is that of the primary surface from this ratio on.
-MUCH_SOFTER = 0.1
+from .stiffness import over_area
 
 
 class Contact:
@@ -31,7 +29,7 @@ class Contact:
         obstacle: A rigid obstacle, or the surface of a deformable body.
         friction: The friction law.
         r_p: Scale (Pa/m) of the complementarity functions, the paper's ``r_p``. By default each
-            node's bulk stiffness over area, of the size of ``E/L_c``; less at first on fine meshes.
+            node's stiffness over area, of the size of ``E/L_c``; less at first on fine meshes.
 
     Attributes:
         c: Multipliers ``(c_n, c_1[, c_2])``, tractions on the body in the contact frame (Pa).
@@ -40,6 +38,7 @@ class Contact:
         r_p: As given.
         r: The scale ``r_p`` at each node (Pa/m), of the rows that are solved.
         scale: The stiffness of the bulk over the area (Pa/m): the scale of the certificate.
+        felt: The same where neighbours give way, if that is far less (Pa/m).
         slipping: 1 at the nodes where the corrector uses the slip rows (15), else 0.
         accepted: Nodal values of the last accepted step, or ``None``.
         slip_increment: Slip of the last accepted step (m), global vectors of the owned nodes.
@@ -77,6 +76,7 @@ class Contact:
         self.path = fem.Function(S, name="slip_path")
         self.r = fem.Function(S, name="r_p")
         self.scale = fem.Function(S, name="scale")
+        self.felt = fem.Function(S, name="felt")
         self.slipping = fem.Function(S, name="slipping")
         self.slip_scale = fem.Function(S, name="slip_scale")
         self.slip_scale.x.array[:] = 1.0
@@ -115,17 +115,17 @@ class Contact:
             self._metric = NodalKernel(self.surface, self.rows.metric)
         self.slip_increment: Array = np.zeros((self.surface.num_owned, side.d))
 
-    def set_scale(self, stiffness_diagonal: fem.Function) -> None:
-        """Set the scales at each node from the diagonal of the bulk stiffness (N/m)."""
-        V = stiffness_diagonal.function_space
-        bs = V.dofmap.index_map_bs
-        diagonal = stiffness_diagonal.x.array.reshape(-1, bs).mean(axis=1)
-        scale = diagonal[self.parent_dofs] / self.surface.area.x.array
-        # The softer body decides which traction belongs to a gap.
-        softer = self.pairing.stiffness(diagonal, V)
-        self.scale.x.array[:] = np.where(softer < MUCH_SOFTER * scale, softer, scale)
-        self.scale.x.scatter_forward()
-        self.r.x.array[:] = self.scale.x.array if self.r_p is None else self.r_p
+    def set_scale(self, diagonal: fem.Function, felt: fem.Function) -> None:
+        """Set the scales at each node; collective.
+
+        Args:
+            diagonal: Diagonal of the bulk stiffness (N/m).
+            felt: What the nodes feel of it, see ``felt_stiffness`` (N/m).
+        """
+        for scale, stiffness in ((self.scale, diagonal), (self.felt, felt)):
+            scale.x.array[:] = over_area(stiffness, self.surface, self.parent_dofs, self.pairing)
+            scale.x.scatter_forward()
+        self.r.x.array[:] = self.felt.x.array if self.r_p is None else self.r_p
 
     def hold(self, held: fem.Function) -> None:
         """Set up the frames under the conditions; collective.

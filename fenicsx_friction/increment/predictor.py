@@ -53,7 +53,8 @@ def soft_forces(system: ContactSystem) -> float:
     loads[held[held < len(loads)]] = 0.0
     moved = with_conditions(system.u, system.bcs) - system.u.x.array
     (jump,) = largest_of_ranks(system.comm, np.array([np.max(abs(moved), initial=0.0)]))
-    stiffness = [k.nodal_scale() * k.nodal_area() for k in system.contacts]
+    owned = [k.felt.x.array[: k.surface.num_owned] for k in system.contacts]
+    stiffness = [felt * k.nodal_area() for felt, k in zip(owned, system.contacts, strict=True)]
     depths = [np.minimum(k.pairing.gaps(), 0.0) for k in system.contacts]
     pushes = [a * g for a, g in zip(stiffness, depths, strict=True)]
     return sum(_norm(system, *p) for p in ([loads], [float(jump) * a for a in stiffness], pushes))

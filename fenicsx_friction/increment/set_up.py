@@ -18,6 +18,8 @@ from ..contact.contact import Contact
 from ..contact.sides import check_sides
 from ..equations.conditions import constrained
 from ..equations.further_equation import FurtherEquation
+from ..equations.numbering import contact_dofs
+from ..equations.patches import felt_stiffness
 from ..obstacles.motion import RigidMotion
 
 
@@ -42,6 +44,7 @@ def set_up_contacts(
     normal: str,
     bcs: Sequence[fem.DirichletBC],
     stiffness: fem.Function,
+    matrix: PETSc.Mat,
 ) -> None:
     """Pair the nodes, set scales and prescribed directions of all contacts; collective.
 
@@ -52,6 +55,7 @@ def set_up_contacts(
         normal: Name of the normal complementarity function.
         bcs: Dirichlet conditions.
         stiffness: Diagonal of the bulk stiffness (N/m).
+        matrix: The stiffness.
 
     Raises:
         ContactInputError: If a contact cannot be set up.
@@ -61,7 +65,10 @@ def set_up_contacts(
         k.bind(*displacements, dt, normal)
         check_normals(k)
         check_sides(k)
-        k.set_scale(stiffness)
+    nodes = contact_dofs(contacts, stiffness.function_space)
+    felt = felt_stiffness(matrix, stiffness, nodes)
+    for k in contacts:
+        k.set_scale(stiffness, felt)
     lowest = min(np.min(k.scale.x.array, initial=np.inf) for k in contacts)
     if not comm.allreduce(lowest, MPI.MIN) > 0.0:
         raise ContactInputError(

@@ -106,8 +106,8 @@ class ContactSystem:
         blocks = [lifted_form(f) for f in share_facet_data(blocks)]
         self.bulk = blocks[0]
         stiffness, tangent = stiffness_of(self.bulk, self.u, self._entity_maps)
-        displacements, normal = (self.u, self.u_old), self.settings.normal
-        set_up_contacts(self.contacts, displacements, self.dt, normal, self.bcs, stiffness)
+        given = (self.dt, self.settings.normal, self.bcs, stiffness, tangent)
+        set_up_contacts(self.contacts, (self.u, self.u_old), *given)
         self._bulk_form, *self._other_forms = (
             compiled(fem.form, self.comm)(f, entity_maps=self._entity_maps) for f in blocks
         )

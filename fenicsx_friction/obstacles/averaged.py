@@ -41,7 +41,8 @@ class Averaged(Pairing):
         for where in first:
             e = values[:, slice(*where)]
             e -= np.sum(e * n, axis=1, keepdims=True) * n
-            e /= np.linalg.norm(e, axis=1, keepdims=True)
+            length = np.linalg.norm(e, axis=1, keepdims=True)
+            e /= np.where(length > 0.0, length, 1.0)  # before hints are chosen
         return frames(values, self.side.d)
 
     def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:

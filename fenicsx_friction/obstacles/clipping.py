@@ -56,11 +56,21 @@ def _intervals(first: Array, second: Array) -> tuple[Indices, Array]:
 
 
 def _triangles(first: Array, second: Array) -> tuple[Indices, Array]:
-    """Return the common parts of polygons, cut into triangles."""
+    """Return the common parts of polygons, cut into triangles from their centers of area.
+
+    So the points of a quadrature rule move continuously as the polygons do: where a corner appears
+    or goes, its triangle is empty.
+    """
     polygon, number = clipped(_turned(first), _turned(second))
-    fan = np.arange(1, polygon.shape[1] - 1)
-    pair, i = np.nonzero(fan < number[:, None] - 1)
-    corners = np.stack([polygon[pair, 0], polygon[pair, i + 1], polygon[pair, i + 2]], axis=1)
+    pair, i = np.nonzero(np.arange(polygon.shape[1]) < number[:, None])
+    j = np.where(i + 1 < number[pair], i + 1, 0)
+    a, b, start = polygon[pair, i], polygon[pair, j], polygon[:, 0]
+    twice = _cross(a - start[pair], b - start[pair])
+    area = np.bincount(pair, twice, minlength=len(first))
+    middle = (a + b - 2.0 * start[pair]) / 3.0 * twice[:, None]
+    shift = np.stack([np.bincount(pair, m, minlength=len(first)) for m in middle.T], axis=1)
+    center = start + shift / np.where(area > 0.0, area, 1.0)[:, None]
+    corners = np.stack([center[pair], a, b], axis=1)
     large = sizes(corners) > EMPTY * abs(sizes(first))[pair]
     return pair[large], corners[large]
 

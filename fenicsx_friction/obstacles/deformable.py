@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 
 from ..base.errors import ContactInputError
 from ..surfaces.elements import nodal_on_facets
+from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
+from .matching import faces_match
 from .mortar import Mortar
 from .node_to_face import NodeToFace
 from .obstacle import Obstacle
@@ -13,18 +15,24 @@ from .search import SearchPolicy, check_positive
 from .side import Side
 from .two_bodies import TwoBodies
 
+METHODS: dict[str, type[TwoBodies]] = {"mortar": Mortar, "node-to-face": NodeToFace}
+
 
 @dataclass(frozen=True, eq=False)
 class DeformableObstacle(Obstacle):
     """The surface of a deformable body (the primary surface) as an obstacle.
 
-    The nodes of the contact's own surface (the secondary one, which should be the finer) meet the
-    faces of this one. Each node meets one face at a time; pairs are found at the beginning of a
-    step and again after it was solved, until they do not change, see ``SearchPolicy``.
+    With ``"mortar"``, the nodes of the contact's own surface (the secondary one) meet this one on
+    average over the parts of both that face each other. It is exact for uniform pressures whatever
+    the faces, takes displacements of any degree, and costs more. With ``"node-to-face"`` each node
+    meets one face, which is as exact where the faces match and stay so. What the nodes meet is
+    found at the beginning of a step and again after it was solved, until it does not change.
 
     Attributes:
         primary: The primary surface, on the same mesh.
-        search: How pairs are found.
+        search: How far surfaces see each other, see ``SearchPolicy``.
+        method: ``"mortar"``, ``"node-to-face"``, or ``None``: node to face where the faces match at
+            the start and have dofs at their vertices only, else mortar.
         close_gaps: Gaps and overlaps of the undeformed bodies up to this (m) count as closed: what
             a node has there is subtracted from its gap for good. No node of the mesh is moved, so
             walls stay as thick as they are (see ``close_initial_gaps``). Without it, gaps are
@@ -37,7 +45,7 @@ class DeformableObstacle(Obstacle):
     close_gaps: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check surface and policy."""
+        """Check surface, policy and method."""
         if not isinstance(self.primary, ContactSurface):
             raise ContactInputError(
                 f"DeformableObstacle: primary = {self.primary!r} must be a ContactSurface, the "
@@ -47,24 +55,37 @@ class DeformableObstacle(Obstacle):
             raise ContactInputError(
                 f"DeformableObstacle: search = {self.search!r} must be a SearchPolicy, or None."
             )
+        if self.method is not None and self.method not in METHODS:
+            raise ContactInputError(
+                f"DeformableObstacle: method = {self.method!r} must be one of "
+                f"{', '.join(METHODS)}, or None."
+            )
         if self.close_gaps is not None:
             meaning = "the largest gap or overlap (m) that counts as closed at the start"
             check_positive(self.close_gaps, "close_gaps", meaning)
 
     def meet(self, side: Side) -> TwoBodies:
-        """Return the pairing of a side's nodes with the faces; collective.
+        """Return the pairing of a side's nodes with this surface; collective.
 
         Raises:
-            ContactInputError: If the displacement has dofs on edges or faces.
+            ContactInputError: If node to face is wanted of a displacement with dofs on edges or
+                faces.
         """
-        if self.method != "mortar" and not nodal_on_facets(side.u.function_space):
+        policy, nodal = self.search or SearchPolicy(), nodal_on_facets(side.u.function_space)
+        if self.method == "node-to-face" and not nodal:
             raise ContactInputError(
                 f"The displacement, of {side.u.function_space.ufl_element()}, has dofs on edges or "
-                "facets; contact between deformable bodies is node to face and needs P1, Q1 or "
-                "MINI. Against rigid obstacles any degree works."
+                'facets; method="node-to-face" needs P1, Q1 or MINI. Take method="mortar".'
             )
-        kind = Mortar if self.method == "mortar" else NodeToFace
-        pairing = kind(self.primary, self.search or SearchPolicy(), side)
+        method = self.method
+        if method is None:
+            method = "node-to-face" if nodal and self._matches(side, policy) else "mortar"
+        pairing = METHODS[method](self.primary, policy, side)
         if self.close_gaps is not None:
             pairing.close_gaps(self.close_gaps)
         return pairing
+
+    def _matches(self, side: Side, policy: SearchPolicy) -> bool:
+        """Tell whether the faces of both surfaces match; collective."""
+        ours, theirs = FaceSet(side.surface, side.u), FaceSet(self.primary, side.u)
+        return faces_match(ours, theirs, policy.distance(theirs))

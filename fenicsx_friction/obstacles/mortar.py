@@ -17,6 +17,7 @@ import numpy.typing as npt
 from ..base.collective import any_rank
 from ..surfaces.surface import ContactSurface
 from .averaged import DEEP, Averaged
+from .dual_hats import dual_hats
 from .facing import Facing, Positions
 from .kinematics import Array
 from .mortar_element import MortarElement
@@ -27,6 +28,11 @@ from .segments import Segments, find_segments
 from .shares import Shares, find_shares
 from .side import Side
 from .two_bodies import TwoBodies
+
+#: The surfaces see the same as long as no node moves by more than this fraction of a face. A
+#: smaller one would let the points on warped faces go to and fro: where edges of both surfaces
+#: fall on each other, they depend on rounding.
+STILL = 1e-6
 
 
 class Mortar(Averaged, TwoBodies):
@@ -43,7 +49,7 @@ class Mortar(Averaged, TwoBodies):
 
     behind = DEEP
     #: What :meth:`save` keeps: objects that are replaced, never changed.
-    _STATE = ("_element", "_seen", "_start", "_axis", "version")
+    _STATE = ("_element", "_seen_at", "_start", "_axis", "version")
 
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
         super().__init__(primary, policy, side)
@@ -55,6 +61,9 @@ class Mortar(Averaged, TwoBodies):
         near = np.any(np.isin(nodes, nodes[mine]), axis=1)
         self._wanted = np.repeat(near, len(self._facing.secondary.corners))
         self._full = self._secondary.gather(side.surface.area.x.array[:n])
+        # A node of both surfaces, as at the tip of a crack, has no gap: its hat goes to others.
+        both = self._facing.primary.rows.contains_local(side.parent_dofs[:n])
+        self._full[self._secondary.gather(both)] = np.inf
         self._inputs_before: tuple[Array, ...] | None = None
         self._last_version = 0
         self.anchor()
@@ -93,8 +102,8 @@ class Mortar(Averaged, TwoBodies):
         alone, d = self._alone(), self.side.d
         slopes[alone] = 0.0
         slopes[alone, -d:, 0] = np.eye(d)
-        n, entries, m, _ = slopes.shape
-        return slopes.reshape(n, entries, m * d), None
+        n, entries, points, _ = slopes.shape
+        return slopes.reshape(n, entries, points * d), None
 
     def weights(self) -> Array:
         """Return the shares of the force where all normals are the same."""
@@ -151,29 +160,28 @@ class Mortar(Averaged, TwoBodies):
         self._axis = -normals[self._secondary.own]
         held = self._secondary.gather(self.side.nodal(self.side.c)[:, 0] > 0.0)
         self._start = (x, self._see(x))
-        self._take(self._start[1], held)
+        self._take(self._start[1], x, held)
 
     def search(self) -> bool:
         """Find again what the surfaces see of each other; collective."""
-        found, now = self._see(self._facing.positions(self.side.u.x.array)), self._seen
-        same = len(found.patch) == len(now.patch) and np.array_equal(found.xi, now.xi)
-        same = same and np.array_equal(found.face, now.face)
-        changed = any_rank(self.primary.mesh.comm, not same)
-        if changed:
-            self._take(found, self._secondary.gather(self._element.shares.covered > 0.0))
-        return changed
+        x = self._facing.positions(self.side.u.x.array)
+        moved = max(np.max(abs(now - then)) for now, then in zip(x, self._seen_at, strict=True))
+        if moved <= STILL * self.faces.size:
+            return False
+        self._take(self._see(x), x, self._secondary.gather(self._element.shares.covered > 0.0))
+        return True
 
     def _see(self, x: Positions) -> Segments:
         """Return what the patches of this rank's nodes see."""
         reach = self.policy.distance(self.faces)
         return find_segments(self._facing, x, reach, self._wanted)
 
-    def _take(self, points: Segments, kept: Mask) -> None:
-        """Average over these points from now on; collective."""
-        self._seen = points
+    def _take(self, points: Segments, x: Positions, kept: Mask) -> None:
+        """Average over these points, found at these positions, from now on; collective."""
+        self._seen_at = x
         secondary, own = self._facing.secondary, self._secondary.own
         face = secondary.face_of(points.patch)
-        weights = secondary.hats(points.xi) * points.weight[:, None]
+        weights = dual_hats(secondary, points) * points.weight[:, None]
         shares = find_shares(secondary.nodes, face, weights, self._full, kept)
         mine = (shares.node >= own.start) & (shares.node < own.stop)
         used, point = np.unique(shares.point[mine], return_inverse=True)

@@ -42,18 +42,22 @@ def cast(
     corners = x[faces.dofs[face]]
     gap: Array = np.zeros(len(face))
     place = np.tile(faces.centers.mean(axis=0), (len(face), 1)) if eta is None else eta.copy()
+    left = np.arange(len(face))
     moved = np.zeros(len(face))
     with np.errstate(all="ignore"):
         for _ in range(MAX_IT):
-            tangents = np.einsum("pta,pad->ptd", faces.slopes(place), corners)
-            way = start - np.einsum("pa,pad->pd", faces.shapes(place), corners)
-            step, gap = split(tangents, along, way)
-            place = place + np.clip(step, -1.0, 1.0)
-            moved = np.max(abs(step), axis=1, initial=0.0)
-            if np.max(moved, initial=0.0, where=np.isfinite(moved)) < TOLERANCE:
+            at, around = place[left], corners[left]
+            tangents = np.einsum("pta,pad->ptd", faces.slopes(at), around)
+            way = start[left] - np.einsum("pa,pad->pd", faces.shapes(at), around)
+            step, gap[left] = split(tangents, along[left], way)
+            place[left] = at + (step if faces.affine else np.clip(step, -1.0, 1.0))
+            moved[left] = 0.0 * step[:, 0] if faces.affine else np.max(abs(step), axis=1)
+            left = left[moved[left] >= TOLERANCE]
+            if not len(left):
                 break
-    place[~(moved <= FAILED)] = np.nan
-    return place, np.where(moved <= FAILED, gap, np.nan)
+    found = moved <= FAILED
+    place[~found] = np.nan
+    return place, np.where(found, gap, np.nan)
 
 
 def split(tangents: Array, along: Array, way: Array) -> tuple[Array, Array]:

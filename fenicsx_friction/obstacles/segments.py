@@ -25,6 +25,10 @@ Mask = npt.NDArray[np.bool_]
 
 #: Cosine of the normals of two patches above which one may press on the other.
 FACING = 0.1
+#: Degree of the quadrature beyond that of the shape functions on quadrilaterals: on those that are
+#: no parallelograms these are no polynomials in the plane. Pressures of a patch test on coarse
+#: skewed faces are 3e-3 off with 0, 1e-5 with 2, 2e-8 with 4, which takes twice the points of 2.
+MORE = 2
 #: A patch that sees more than this times itself has one primary patch before another.
 TWICE = 1.0 + 1e-6
 
@@ -64,7 +68,9 @@ def find_segments(facing: Facing, x: Positions, reach: float, wanted: Mask) -> S
     """
     sight = _Sight(facing, x)
     sight.pair(wanted, reach)
-    pair, flat, weight = sight.clip(facing.secondary.degree + facing.primary.degree)
+    degree = facing.secondary.degree + facing.primary.degree
+    bilinear = facing.secondary.nodes.shape[1] == 4
+    pair, flat, weight = sight.clip(degree + MORE if bilinear else degree)
     eta, near = sight.look(pair, flat, weight, reach)
     pair = pair[near]
     patch, face = sight.patch[pair], sight.face[pair]

@@ -3,6 +3,7 @@
 
 from mpi4py import MPI
 
+import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import mesh
@@ -40,14 +41,19 @@ def check_cells(msh: mesh.Mesh) -> None:
     tdim = msh.topology.dim
     owned = msh.topology.index_map(tdim).size_local
     x = msh.geometry.x[:, :tdim]
-    corners = x[msh.geometry.dofmaps[0]]
+    nodes, neighbours = x[msh.geometry.dofmaps[0]], NEIGHBOURS[msh.basix_cell().name]
+    corners = nodes[:, : len(neighbours)]
     broken = ~np.isfinite(corners[:owned]).all(axis=(1, 2))
     _refuse(msh, broken, "has a vertex whose coordinates are not finite")
-    volumes = _corner_volumes(corners[:owned], NEIGHBOURS[msh.basix_cell().name])
+    volumes = _corner_volumes(corners[:owned], neighbours)
     low, high = volumes.min(axis=0), volumes.max(axis=0)
     _refuse(msh, np.maximum(abs(low), abs(high)) <= FLAT, "has no volume")
     inverted = (low < -FLAT) & (high > FLAT)
     _refuse(msh, inverted, "is inverted in part: det J has both signs at its vertices")
+    if corners.shape != nodes.shape:
+        volumes = _curved_volumes(msh, nodes[:owned])
+        turned = np.min(volumes, axis=0) * np.max(volumes, axis=0) <= 0.0
+        _refuse(msh, turned, "is curved so much that det J has both signs in it")
     folded = _folded(msh, corners.mean(axis=1))[:owned]
     _refuse(msh, folded, "is folded on a neighbour: both on the same side")
 
@@ -65,6 +71,15 @@ def _corner_volumes(corners: Array, neighbours: list[tuple[int, ...]]) -> Array:
     return result
 
 
+def _curved_volumes(msh: mesh.Mesh, nodes: Array) -> Array:
+    """Return det J at the nodes of curved cells, one column a cell."""
+    domain = msh.ufl_domain()
+    assert domain is not None
+    element = domain.ufl_coordinate_element().sub_elements[0]
+    slopes = element.tabulate(1, element.basix_element.points)[1:]
+    return np.linalg.det(np.einsum("tqk,ckd->qcdt", slopes, nodes))
+
+
 def _perpendicular(a: Array, b: Array | None = None) -> Array:
     """Return the vector product of columns; of one in 2D, its normal to the left."""
     if b is None:
@@ -80,7 +95,7 @@ def _folded(msh: mesh.Mesh, centers: Array) -> npt.NDArray[np.bool_]:
     cells = msh.topology.connectivity(tdim - 1, tdim)
     interior = np.flatnonzero(np.diff(cells.offsets) == 2).astype(np.int32)
     pairs = cells.array[cells.offsets[interior][:, None] + np.arange(2)]
-    nodes = mesh.entities_to_geometry(msh, tdim - 1, interior)
+    nodes = mesh.entities_to_geometry(msh, tdim - 1, interior)[:, : _corners_of_facets(msh)]
     x = np.ascontiguousarray(msh.geometry.x[nodes, :tdim].transpose(1, 2, 0))
     normal = _facet_normals(x)
     middle = x.mean(axis=0)
@@ -88,6 +103,11 @@ def _folded(msh: mesh.Mesh, centers: Array) -> npt.NDArray[np.bool_]:
     folded = np.zeros(len(centers), dtype=bool)
     folded[pairs[sides[0] * sides[1] > 0.0]] = True
     return folded
+
+
+def _corners_of_facets(msh: mesh.Mesh) -> int:
+    """Return how many vertices a facet has."""
+    return len(basix.topology(msh.basix_cell())[msh.topology.dim - 1][0])
 
 
 def _facet_normals(x: Array) -> Array:

@@ -38,11 +38,6 @@ def check_mesh(msh: Any) -> mesh.Mesh:
         raise ContactInputError(
             f"The mesh has coordinates of type {msh.geometry.x.dtype}; make it with dtype=float64."
         )
-    if (degree := msh.geometry.cmaps[0].degree) != 1:
-        raise ContactInputError(
-            f"The mesh has a geometry of degree {degree}, contact needs straight facets: make it "
-            "with a coordinate element of degree 1."
-        )
     return msh
 
 
@@ -71,6 +66,13 @@ def check_displacement(u: fem.Function) -> None:
         )
     if reason := _unfit(element.sub_elements[0]):
         raise ContactInputError(f"The displacement's element {element} {reason}. {WORKS}")
+    curved = V.mesh.geometry.cmaps[0].degree
+    if (degree := degree_on_facets(V)) < curved:
+        raise ContactInputError(
+            f"The displacement has degree {degree} on the facets of a mesh whose geometry has "
+            f"degree {curved}: its nodes do not follow curved facets. Take a displacement of "
+            f"degree {curved}, or a mesh with a coordinate element of degree {degree}."
+        )
 
 
 def _unfit(scalar: Any) -> str | None:

@@ -87,11 +87,6 @@ def check_surfaces(secondary: ContactSurface, primary: ContactSurface) -> None:
             f"The primary surface '{primary.name}' lies on another mesh than the secondary surface "
             f"'{secondary.name}': put both bodies into one mesh, which need not be connected."
         )
-    if (degree := msh.geometry.cmaps[0].degree) != 1:
-        raise ContactInputError(
-            f"{names}: the geometry of the mesh has degree {degree}; node-to-face contact needs "
-            "linear cells (degree 1)."
-        )
     ours, theirs = (map(tuple, s.entities.reshape(-1, 2)) for s in (secondary, primary))
     if number := msh.comm.allreduce(len(set(ours) & set(theirs))):
         raise ContactInputError(

@@ -12,7 +12,7 @@ from dolfinx import fem
 
 from ..base.errors import ContactInputError
 from .elements import degree_on_facets
-from .face_tables import FaceTables
+from .face_tables import FaceTables, normals_of
 from .surface import ContactSurface
 from .surface_dofs import SurfaceDofs
 
@@ -69,6 +69,19 @@ class LagrangeFaces:
         """Return the number of patches."""
         return len(self.dofs) * len(self.corners)
 
+    @property
+    def affine(self) -> bool:
+        """Whether faces are flat, with constant tangents."""
+        return self.degree == 1 and self.nodes.shape[1] == self.d
+
+    @cached_property
+    def areas(self) -> Array:
+        """The areas of the faces (m²; m in 2D)."""
+        kind = self._element.cell_type
+        points, weights = basix.make_quadrature(kind, 2 * self.degree)
+        tangents = np.einsum("pta,fad->fptd", self.slopes(np.asarray(points)), self.X[self.dofs])
+        return np.linalg.norm(normals_of(tangents), axis=2) @ np.asarray(weights)
+
     def face_of(self, patch: Indices) -> Indices:
         """Return the faces of patches."""
         return patch // len(self.corners)
@@ -80,15 +93,15 @@ class LagrangeFaces:
 
     def shapes(self, xi: Array) -> Array:
         """Return the shape functions at points of faces: (points, dofs)."""
-        return np.asarray(_table(self._element, 0, xi)[0])
+        return _tabulated(self._element, 0, xi)[0]
 
     def slopes(self, xi: Array) -> Array:
         """Return their derivatives along the coordinates: (points, d - 1, dofs)."""
-        return _table(self._element, 1, xi)[1:].transpose(1, 0, 2)
+        return _tabulated(self._element, 1, xi)[1:].transpose(1, 0, 2)
 
     def hats(self, xi: Array) -> Array:
         """Return the shape functions of the vertices: (points, vertices)."""
-        return np.asarray(_table(self._hats, 0, xi)[0])
+        return _tabulated(self._hats, 0, xi)[0]
 
     def inside(self, xi: Array) -> npt.NDArray[np.bool_]:
         """Tell which points are inside their faces; what is not a number is not."""
@@ -111,10 +124,11 @@ class LagrangeFaces:
         return np.asarray(found.reshape(len(self), self.d - 1, self.d))
 
 
-def _table(element: basix.finite_element.FiniteElement, order: int, xi: Array) -> Array:
-    """Return shape functions and derivatives, (1 or d, points, dofs); basix needs a point."""
-    points = xi if len(xi) else np.zeros((1, xi.shape[1]))
-    return np.asarray(element.tabulate(order, points))[:, : len(xi), :, 0]
+def _tabulated(element: basix.finite_element.FiniteElement, order: int, xi: Array) -> Array:
+    """Return shape functions and derivatives: (derivatives, points, dofs)."""
+    if len(xi) == 0:  # Basix takes no empty arrays
+        return np.zeros((1 + order * xi.shape[1], 0, element.dim))
+    return np.asarray(element.tabulate(order, xi))[:, :, :, 0]
 
 
 def _patches(cell: basix.CellType, degree: int) -> Array:

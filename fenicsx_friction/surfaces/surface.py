@@ -29,7 +29,7 @@ class ContactSurface:
     submesh of the facets, and the vertex quadrature rule makes every row node-local.
 
     Args:
-        msh: Mesh of the body (2D or 3D), of straight cells.
+        msh: Mesh of the body (2D or 3D); its cells may be curved.
         facet_tags: Facet tags of ``msh``.
         tag: The tag of the contact facets.
         name: Name used in messages and reports.

@@ -42,6 +42,11 @@ class SurfaceDofs:
         """Return the places of local dofs."""
         return self.places(self._V.dofmap.index_map.local_to_global(dofs.astype(np.int32)))
 
+    def contains_local(self, dofs: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+        """Tell which local dofs are among them."""
+        numbers = self._V.dofmap.index_map.local_to_global(dofs.astype(np.int32))
+        return np.isin(numbers, self._all)
+
     def gather(self, values: npt.NDArray) -> npt.NDArray:
         """Return the entries of a local array over the displacement's dofs, of all; collective."""
         rows = values.reshape(-1, self._V.dofmap.index_map_bs)[self.owned]

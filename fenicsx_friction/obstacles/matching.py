@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: MIT
+"""Whether the faces of two surfaces match."""
+
+import numpy as np
+
+from ..surfaces.face_cells import shape_matrix
+from ..surfaces.faces import FaceSet
+from .search import TIE, nearest_faces
+
+#: A node is on a node of the other surface if its shape function there is one up to this.
+OFF = 1e-6
+
+
+def faces_match(first: FaceSet, second: FaceSet, reach: float) -> bool:
+    """Tell whether nodes of either surface that see the other one see its nodes; collective.
+
+    Surfaces that are out of reach of each other do not match: nobody knows what they will meet.
+    """
+    found = False
+    for nodes, faces in ((first, second), (second, first)):
+        near = nearest_faces(faces, faces.positions(), nodes.positions())
+        sees = (near.overhang <= TIE) & (abs(near.gap) <= reach)
+        largest = np.max(shape_matrix(faces.cell, near.xi), axis=1)
+        if np.any(largest[sees] < 1.0 - OFF):
+            return False
+        found |= bool(np.any(sees))
+    return found
