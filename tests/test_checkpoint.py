@@ -118,7 +118,7 @@ def test_the_history_of_a_contact_is_complete(uninterrupted):
     names = {name for name, value in vars(contact).items() if isinstance(value, fem.Function)}
     of_one_step, set_up = (
         {"c_stick", "slipping", "slip_scale"},
-        {"free", "r", "scale", "_u"},
+        {"free", "r", "scale", "felt", "_u"},
     )
     assert names == {*CONTACT_HISTORY} | of_one_step | set_up
 

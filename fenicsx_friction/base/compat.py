@@ -19,11 +19,37 @@ except ImportError as error:  # pragma: no cover - needs a machine without DOLFI
 
 from dolfinx import fem, mesh
 from dolfinx.fem.forms import derivative_block
+from ffcx.ir import elementtables
 
 MINIMUM_DOLFINX = (0, 11)
 _found = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
 if _found < MINIMUM_DOLFINX:
     raise ImportError(f"fenicsx_friction needs DOLFINx >= 0.11, found {dolfinx.__version__}.")
+
+
+def _keep_quadrature_rules_apart() -> None:
+    """Repair FFCx 0.11: integrals of one form with several quadrature rules, one of a single point.
+
+    FFCx shares among the rules what has one value at all points of a rule. With a single point
+    everything has. Where this rule comes first, which its integrand decides, the others took its
+    values at their own points: B-bar lost the points of its deviatoric part. Now nothing that is
+    evaluated at a single point counts as constant.
+    """
+    kind = elementtables.analyse_table_type
+    if kind.__module__ == __name__:
+        return
+
+    def analyse_table_type(table: Any, *tolerances: Any, **named: Any) -> Any:
+        """As FFCx's function, with tables of a single point as those of several points."""
+        found = kind(table, *tolerances, **named)
+        if table.shape[2] > 1:
+            return found
+        return {"fixed": "uniform", "piecewise": "varying"}.get(found, found)
+
+    elementtables.analyse_table_type = analyse_table_type
+
+
+_keep_quadrature_rules_apart()
 
 
 def exterior_facet_entities(msh: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:

@@ -199,6 +199,15 @@ class ContactTerms:
             parts.append(entries[k.surface.parent_dofs(V)[:n]])
         return np.hstack(parts)
 
+    def softness(self) -> list[Array]:
+        """Return the scale of each node's rows over that of the certificate, of each contact.
+
+        A scale that was given counts as that of the certificate.
+        """
+        parts = [(k, k.surface.num_owned) for k in self._contacts]
+        ratios = [k.felt.x.array[:n] / k.scale.x.array[:n] for k, n in parts]
+        return [a if k.r_p is None else np.ones(n) for a, (k, n) in zip(ratios, parts, strict=True)]
+
     def matrices(self, law: Law) -> list[Array]:
         """Return the matrices of the elements, rows and columns as in :meth:`columns`."""
         return [

@@ -68,7 +68,7 @@ class Multigrid:
         self,
         u: fem.Function,
         multipliers: Sequence[fem.Function],
-        elements: Callable[[], list[tuple[Indices, Array]]],
+        elements: Callable[[], list[tuple[Indices, Array, Array]]],
         prefix: str,
         options: Mapping[str, object],
         errors: ErrorKeeper,
@@ -103,7 +103,7 @@ class Multigrid:
         with self._errors():
             pc.setFailedReason(PETSc.PC.FailedReason.NOERROR)  # PETSc keeps the last one
             elements = self._elements()
-            finite = all(np.isfinite(matrices).all() for _, matrices in elements)
+            finite = all(np.isfinite(matrices).all() for _, matrices, _ in elements)
             if any_rank(self._V.mesh.comm, not finite):
                 pc.setFailedReason(NOT_FINITE)
                 return

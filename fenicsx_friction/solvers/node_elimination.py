@@ -46,20 +46,22 @@ class NodeBlocks:
     springs: Array
 
 
-def node_blocks(columns: Indices, matrices: Array, d: int) -> NodeBlocks:
+def node_blocks(columns: Indices, matrices: Array, softness: Array, d: int) -> NodeBlocks:
     """Eliminate the multipliers of the elements of a contact.
 
     Args:
         columns: Rows of the unknowns of each element: displacements, those of the node itself
             first, then multipliers; -1 for those that are left out.
         matrices: The elements: (nodes, unknowns, unknowns).
+        softness: ``r_p`` of each node relative to its stiffness over area, where this is less: the
+            springs are to be stiffer than the body nevertheless.
         d: Multipliers of a node.
     """
     q, c = columns[:, :-d], columns[:, -d:]
     there = q >= 0
     forces = np.where(there[:, :, None], matrices[:, :-d, -d:], 0.0)
     slopes = np.where(there[:, None, :], matrices[:, -d:, :-d], 0.0)
-    share = ALONE if q.shape[1] == d else COUPLED
+    share = (ALONE if q.shape[1] == d else COUPLED) * softness[:, None]
     parts = (matrices[:, -d:, -d:], matrices[:, -d:, :d], matrices[:, :d, -d:])
     regular = _regular(*parts, share)
     try:
@@ -72,7 +74,7 @@ def node_blocks(columns: Indices, matrices: Array, d: int) -> NodeBlocks:
     return NodeBlocks(q, c, forces, slopes, inverse, springs)
 
 
-def _regular(by_c: Array, by_own: Array, forces: Array, share: float) -> Array:
+def _regular(by_c: Array, by_own: Array, forces: Array, share: Array) -> Array:
     """Return derivatives of the rows by the multipliers with something added to the diagonal.
 
     What is added has the sign that makes the spring positive. The coupling of normal and tangential

@@ -46,12 +46,12 @@ class SaddleBlocks:
         self.forces: PETSc.Mat | None = None
         self._parts: list[NodeBlocks] = []
 
-    def update(self, elements: Sequence[tuple[Indices, Array]]) -> None:
+    def update(self, elements: Sequence[tuple[Indices, Array, Array]]) -> None:
         """Eliminate the multipliers node by node.
 
         Args:
-            elements: Rows and matrices of the elements of each contact. The rows are those of the
-                first call until :meth:`destroy`.
+            elements: Rows, matrices and softness of the elements of each contact. The rows are
+                those of the first call until :meth:`destroy`.
         """
         self._parts = [node_blocks(*element, self._d) for element in elements]
         if self.forces is None:

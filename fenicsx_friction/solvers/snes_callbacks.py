@@ -104,10 +104,11 @@ class Callbacks:
         self._pattern = pattern
         return True
 
-    def elements(self) -> list[tuple[Indices, Array]]:
-        """Return rows and matrices of the elements of each contact, at the present unknowns."""
+    def elements(self) -> list[tuple[Indices, Array, Array]]:
+        """Return rows, matrices and softness of the elements of each contact, as they are now."""
         assert self.law is not None
-        parts = (self._terms.columns(self.law), self._terms.matrices(self.law))
+        law, terms = self.law, self._terms
+        parts = (terms.columns(law), terms.matrices(law), terms.softness())
         return list(zip(*parts, strict=True))
 
     def evaluate(self, x: PETSc.Vec, b: PETSc.Vec, law: Law) -> None:
