@@ -224,7 +224,7 @@ def test_an_interrupt_leaves_the_whole_system_in_use(monkeypatch):
     solvers.now = solvers._boundary
     model.move(0.01, 0.0, -0.01)
     with monkeypatch.context() as patch, pytest.raises(Stop):
-        patch.setattr(correctors, "polish", lambda *_: (_ for _ in ()).throw(Stop))
+        patch.setattr(correctors, "polish", lambda *_, **__: (_ for _ in ()).throw(Stop))
         model.problem.solve()
     assert solvers.now is solvers.full
     assert model.problem.solve().certified

@@ -148,10 +148,10 @@ def test_an_error_of_the_search_loses_nothing(wedged, error, monkeypatch):
     problem, _, _ = corner(mu, ratio, "disturbed_", look_for_others=True)
     solved = []
 
-    def once(*arguments):
+    def once(*arguments, **options):
         if solved:
             raise error
-        solved.append(correctors.correct(*arguments))
+        solved.append(correctors.correct(*arguments, **options))
         return solved[0]
 
     monkeypatch.setattr(trial, "correct", once)
