@@ -8,6 +8,8 @@ import numpy.typing as npt
 PRESCRIBED_NORMAL = 1e-8
 #: Cosine between hint and normal beyond which the first tangent is taken from another axis.
 STEEP = 0.9
+#: Components that are equal to so many digits are tied, so that no rounding chooses an axis.
+TIED = 9
 
 Array = npt.NDArray[np.floating]
 Mask = npt.NDArray[np.bool_]
@@ -28,7 +30,8 @@ def choose_hints(normals: Array, fixed: Mask) -> Array:
         Unit vectors along coordinate axes, one row a node.
     """
     single = (fixed.sum(axis=1) == 1) & ~_is_held(normals, fixed)
-    axis = np.where(single, fixed.argmax(axis=1), abs(normals).argmin(axis=1))
+    flattest = np.round(abs(normals), TIED).argmin(axis=1)
+    axis = np.where(single, fixed.argmax(axis=1), flattest)
     return np.asarray(np.eye(normals.shape[1])[axis])
 
 
