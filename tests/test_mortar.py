@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 from mpi4py import MPI
 
+import basix.ufl
 import numpy as np
 import pytest
 import ufl
@@ -11,7 +12,7 @@ from dolfinx import fem, la, mesh
 
 import fenicsx_friction as ff
 from bodies import box, joined, sides, stack
-from models import gathered
+from models import gathered, tagged_facets
 
 pytestmark = pytest.mark.mpi
 SQUARES = {"top": ((0.0, 1.0), (1.0, 2.0)), "base": ((0.0, 0.0), (1.0, 1.0))}
@@ -197,3 +198,162 @@ def model_reaction(model):
     X = model.problem.u.function_space.tabulate_dof_coordinates()[:n]
     values = residual.array[: n * d].reshape(n, d)[np.isclose(X[:, d - 1], 0.0), d - 1]
     return -model.problem.comm.allreduce(float(np.sum(values)))
+
+
+# -- what is never certified, and what is never lost -----------------------------------------------
+
+
+def tilted_block(tag_sides, method, name):
+    """A block, turned by 0.3, over a wide base, without friction; its sides are tagged or not."""
+    parts = (
+        box((-1.0, -0.6), (2.0, 0.0), (24, 5), "quadrilateral"),
+        box((0.0, 0.0), (1.0, 1.0), (12, 12), "quadrilateral"),
+    )
+    msh = joined(MPI.COMM_SELF, *parts)
+    tags = sides(msh, 1, (-0.6, 0.0, 0.0, 1.0), 1e-6)
+    if tag_sides:
+        there = lambda x: (np.isclose(x[0], 0.0) | np.isclose(x[0], 1.0)) & (x[1] > -1e-9)  # noqa: E731
+        more = np.setdiff1d(mesh.locate_entities_boundary(msh, 1, there), tags.indices)
+        indices = np.concatenate([tags.indices, more])
+        values = np.concatenate([tags.values, np.full(len(more), 1, dtype=np.int32)])
+        order = np.argsort(indices)
+        tags = mesh.meshtags(msh, 1, indices[order], values[order])
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    u, v, top = fem.Function(V), ufl.TestFunction(V), fem.Function(V)
+    density = ff.bulk.neo_hooke_energy(u, ff.bulk.Elastic(1000.0, 0.3))
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1, "block"),
+        ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2, "base"), method=method),
+        ff.Frictionless(),
+    )
+    held = [fem.locate_dofs_topological(V, 1, tags.find(tag)) for tag in (4, 3)]
+    problem = ff.FrictionalContactProblem(
+        ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v),
+        u,
+        contact=contact,
+        bcs=[fem.dirichletbc(top, held[0]), fem.dirichletbc(fem.Function(V), held[1])],
+        petsc_options_prefix=name,
+    )
+    X = V.tabulate_dof_coordinates()
+    for angle in (0.1, 0.2, 0.3):
+        cosine, sine = np.cos(angle), np.sin(angle)
+        turned = X[:, :2] @ np.array([[cosine, sine], [-sine, cosine]]) - X[:, :2]
+        top.x.array[:] = (turned + [0.0, -0.03]).ravel()
+        report = problem.solve()
+    return np.array(report.contacts[0].force)
+
+
+def test_the_sides_of_a_tilted_block_do_not_see_what_it_stands_on():
+    bottom, every = (tilted_block(k, "mortar", f"tilted_{k}_") for k in (False, True))
+    assert bottom[1] > 3.0
+    assert every == pytest.approx(bottom, rel=1e-9, abs=1e-9)
+    assert abs(bottom[0]) < 0.2 * bottom[1]  # a corner is no plane
+
+
+def test_a_corner_that_conditions_move_has_friction():
+    """The sides of a die are driven: its corner nodes slide like the others."""
+    side = lambda x: (np.isclose(x[0], 0.3) | np.isclose(x[0], 0.7)) & (x[1] > 1.0 - 1e-9)  # noqa: E731
+    shape = {"upper": (6, 6), "lower": (10, 8)}
+    shape |= {"top": ((0.3, 1.0), (0.7, 1.4)), "base": ((0.0, 0.0), (1.0, 1.0))}
+    model = stack(
+        0.3,
+        "die_",
+        cell="quadrilateral",
+        method="mortar",
+        energy="small",
+        hold=[(side, 0)],
+        **shape,
+    )
+    model.move(0.0, -0.01)
+    model.problem.solve()
+    model.bottom.x.array[:] = np.tile([-0.2, 0.0], len(model.bottom.x.array) // 2)
+    model.problem.solve()
+    c = model.contact.multipliers()
+    pressed = c[:, 0] > 1e-6
+    assert abs(c[pressed, 1]) == pytest.approx(0.3 * c[pressed, 0], rel=1e-9)
+
+
+def test_a_layer_in_front_hides_what_is_behind():
+    """Also from a face of which only a part is covered: the strip carries the block."""
+    strip, below = (1e3, 1e3), {"upper": (4, 4), "top": ((0.0, 1.0), (1.0, 2.0))}
+    cover = 0.85
+    parts = [
+        box((0.0, 0.0), (cover, 0.9), (5, 4), "quadrilateral"),
+        box((0.0, 0.95), (cover, 1.0), (7, 1), "quadrilateral"),
+        box(*below["top"], below["upper"], "quadrilateral"),
+    ]
+    msh = joined(MPI.COMM_SELF, *parts)
+    at = lambda y: lambda x: np.isclose(x[1], y)  # noqa: E731
+    tags = tagged_facets(msh, at(1.0), at(0.9), at(2.0), at(0.0), at(0.95))
+    msh.topology.create_connectivity(1, 2)
+    owner = msh.topology.connectivity(1, 2)
+    owners = np.array([owner.links(f)[0] for f in tags.indices], dtype=np.int32)
+    lower = mesh.compute_midpoints(msh, 2, owners)[:, 1] < 1.0
+    values = np.where((tags.values == 1) & lower | (tags.values == 2), 6, tags.values)
+    tags = mesh.meshtags(msh, 1, tags.indices, values.astype(np.int32))
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    u, v, top = fem.Function(V), ufl.TestFunction(V), fem.Function(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(strip[0], 0.0))
+    held = [fem.locate_dofs_topological(V, 1, tags.find(tag)) for tag in (3, 4, 5)]
+    bcs = [
+        fem.dirichletbc(f, dofs)
+        for f, dofs in zip((top, fem.Function(V), fem.Function(V)), held, strict=True)
+    ]
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1, "block"),
+        ff.DeformableObstacle(ff.ContactSurface(msh, tags, 6, "layers"), method="mortar"),
+        ff.Frictionless(),
+    )
+    problem = ff.FrictionalContactProblem(
+        ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v),
+        u, contact=contact, bcs=bcs, petsc_options_prefix="layers_",
+    )  # fmt: skip
+    top.x.array[1::2] = -0.01
+    report = problem.solve().contacts[0]
+    assert report.penetration < 1e-4
+    element = contact.pairing._element
+    assert np.sum(element.points.weight) == pytest.approx(cover, rel=2e-3)  # strained
+
+
+def test_dissipation_of_a_partly_covered_block_is_the_work_of_friction():
+    """One node slides: force times way, of what is covered."""
+    shape = {"upper": (4, 3), "lower": (9, 3)}
+    shape |= {"top": ((0.8, 1.0), (1.8, 2.0)), "base": ((0.0, 0.0), (1.07, 1.0))}
+    model = stack(
+        0.3, "part_", cell="quadrilateral", method="mortar", E=(1e3, 1e8), nu=0.0, **shape
+    )
+    model.move(0.0, -0.01)
+    model.problem.solve()
+    audit = ff.EnergyAudit(model.problem, model.stored)
+    for x in np.linspace(0.0, 0.02, 41)[1:]:
+        model.move(-x, -0.01)
+        model.problem.solve()
+        balance = audit.update()
+    moved = balance.external_work - balance.stored
+    assert balance.dissipation > 5e-4
+    assert balance.dissipation == pytest.approx(moved, rel=0.02)
+
+
+def test_surfaces_that_share_a_node_are_taken_by_mortar():
+    """A notch of matching lips: node to face would pair its tip with itself."""
+    points = np.array([[0, 0], [2, 0.4], [2, 2], [0, 2], [-1, 0], [-1, 2], [2, -0.4], [2, -2],
+                       [0, -2], [-1, -2]], dtype=float)  # fmt: skip
+    cells = np.array([[0, 1, 3, 2], [4, 0, 5, 3], [8, 7, 0, 6], [9, 8, 4, 0]])
+    element = basix.ufl.element("Lagrange", "quadrilateral", 1, shape=(2,))
+    msh = mesh.create_mesh(MPI.COMM_SELF, cells, element, points)
+    lip = lambda sign: lambda x: np.isclose(x[1], sign * 0.2 * x[0]) & (x[0] > -1e-9)  # noqa: E731
+    tags = tagged_facets(msh, lip(1.0), lip(-1.0))
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    u = fem.Function(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(1.0, 0.3))
+    F = ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, ufl.TestFunction(V))
+    surfaces = [ff.ContactSurface(msh, tags, tag, name) for tag, name in ((1, "up"), (2, "low"))]
+    contact = ff.Contact(surfaces[0], ff.DeformableObstacle(surfaces[1]), ff.Frictionless())
+    ff.FrictionalContactProblem(F, u, contact=contact, petsc_options_prefix="shared_")
+    assert type(contact.pairing).__name__ == "Mortar"
+
+
+def test_gaps_beyond_reach_are_not_closed_in_silence():
+    with pytest.raises(ff.ContactInputError, match=r"close_gaps = 5 m is more than the surfaces"):
+        stack(0.3, "far_", cell="quadrilateral", upper=(5, 2), lower=(3, 2), **SQUARES,
+              method="mortar", close_gaps=5.0)  # fmt: skip

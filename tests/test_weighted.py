@@ -352,3 +352,16 @@ def test_node_to_face_needs_values_at_the_vertices():
     contact = ff.Contact(surfaces[0], obstacle, ff.Coulomb(0.3))
     with pytest.raises(ff.ContactInputError, match=r'needs P1, Q1 or MINI. Take method="mortar"'):
         ff.FrictionalContactProblem(F, u, contact=contact, petsc_options_prefix="two_")
+
+
+def test_a_surface_that_goes_round_a_corner_is_refused():
+    """Averages over a bottom and a side mean nothing: the corner would sink into the plane."""
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 4, 4)
+    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0) | np.isclose(x[0], 0.0))
+    V = fem.functionspace(msh, ("Lagrange", 2, (2,)))
+    u = fem.Function(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E, NU))
+    F = ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, ufl.TestFunction(V))
+    contact = ff.Contact(ff.ContactSurface(msh, tags, 1, "round"), plane(2), ff.Coulomb(0.3))
+    with pytest.raises(ff.ContactInputError, match=r"'round' goes round a corner at \(0, "):
+        ff.FrictionalContactProblem(F, u, contact=contact, petsc_options_prefix="round_")

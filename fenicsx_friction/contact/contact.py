@@ -137,9 +137,9 @@ class Contact:
         self.choose_frames()
         self._prescribed.start()
 
-    def choose_frames(self) -> None:
+    def choose_frames(self, driven: npt.NDArray | None = None) -> None:
         """Choose the frames anew, see ``Prescribed.choose``; collective."""
-        self._prescribed.choose(self._rough)
+        self._prescribed.choose(self._rough, driven)
 
     def _rough(self) -> npt.NDArray[np.bool_]:
         """Tell which nodes may have friction, at whatever pressure and slip; collective."""
@@ -180,7 +180,7 @@ class Contact:
             limit=values[:, 2 * d - 1],
             c=np.column_stack([self.multipliers()[:, 0], values[:, d : 2 * d - 1]]),
             r=self.nodal_scale().copy(),
-            area=self.nodal_area().copy(),
+            area=self.pairing.acting_area().copy(),
             free=self.pairing.side.nodal(self.free) > 0.5,
             own_map=own,
         )

@@ -35,6 +35,7 @@ class Prescribed:
     def __init__(self, pairing: Pairing, free: fem.Function, held: fem.Function) -> None:
         self._pairing, self._free, self._held = pairing, free, held
         self._side = side = pairing.side
+        self._driven: Array = np.zeros(len(held.x.array))
         fixed = self._fixed_components()
         hints = side.hint.x.array.reshape(-1, side.d)
         hints[: len(fixed)] = frame.choose_hints(pairing.normals(), fixed)
@@ -46,7 +47,9 @@ class Prescribed:
         most = float(np.max(touch(self._pairing), initial=0.0))
         self._overlap_between = np.maximum(self._pairing.held_depths(self._held), 0.0) + most
 
-    def choose(self, rough: Callable[[], npt.NDArray[np.bool_]]) -> None:
+    def choose(
+        self, rough: Callable[[], npt.NDArray[np.bool_]], driven: Array | None = None
+    ) -> None:
         """Choose again the prescribed directions of each frame, and its first tangent.
 
         A frame changes where the normal has turned or the node meets another face. Its multipliers
@@ -54,12 +57,14 @@ class Prescribed:
 
         Args:
             rough: Tells which owned nodes may have friction; collective.
+            driven: How far conditions move the dofs of the displacement in this step (m).
 
         Raises:
             ContactInputError: If a node is held in a direction that is neither normal nor
                 tangential: friction and reaction could not be told apart.
         """
         side = self._side
+        self._driven = self._driven if driven is None else driven
         fixed, normals = self._fixed_components(), self._pairing.normals().copy()
         most = OBLIQUE_FACES if self._pairing.tilted else OBLIQUE
         bad = frame.oblique(normals, fixed, most)
@@ -106,7 +111,8 @@ class Prescribed:
     def _fixed_components(self) -> npt.NDArray[np.bool_]:
         """Return, for each owned contact node, which Cartesian components are prescribed."""
         nodes = self._side.owned(self._held.x.array) > 0.5
-        return self._pairing.prescribed(self._held, nodes)
+        still = (self._held.x.array > 0.5) & (self._driven == 0.0)
+        return self._pairing.prescribed(self._held, nodes, still)
 
 
 def touch(pairing: Pairing) -> Array:

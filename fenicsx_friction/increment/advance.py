@@ -11,6 +11,7 @@ from dolfinx import fem
 from ..base.errors import ContactInputError, StepFailed
 from ..base.log import tell
 from ..contact.checks import check_friction, check_metrics, check_normals
+from ..equations.conditions import with_conditions
 from . import others, snapshot
 from .correctors import CONDENSED_FALLBACKS, FALLBACKS, Attempt
 from .diagnosis import explain, explain_not_finite
@@ -161,9 +162,10 @@ def _far(report: StepReport) -> float:
 
 def _begin(system: ContactSystem) -> Trials:
     """Pair nodes, choose frames, check friction and measure forces at the start of a step."""
+    driven = with_conditions(system.u, system.bcs) - system.u_old.x.array
     for k in system.contacts:
         k.anchor()
-        k.choose_frames()
+        k.choose_frames(driven)
     changed = [*system.state, *(f for k in system.contacts for f in (k.hint, k.free))]
     trials = Trials(system, changed)
     system.set_smoothing(xi=0.0, eps=0.0)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+
 import numpy as np
 from dolfinx import fem
 
@@ -11,6 +13,8 @@ from .obstacle import Mask, Pairing
 
 #: Weights of dofs below this count as none.
 WEIGHTLESS = 1e-12
+#: Component of the normal below which an axis is along the surface.
+ALONG = 0.5
 #: An obstacle that enters a face by this fraction of its size is not open to it.
 DEEP = 0.1
 
@@ -45,14 +49,25 @@ class Averaged(Pairing):
             e /= np.where(length > 0.0, length, 1.0)  # before hints are chosen
         return frames(values, self.side.d)
 
-    def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
+    @abstractmethod
+    def on_plane(self, still: Mask) -> Mask:
+        """Tell in which directions what the nodes meet is at rest as they are; collective.
+
+        Args:
+            still: The prescribed dofs of the displacement that do not move in this step.
+        """
+
+    def prescribed(self, fixed: fem.Function, nodes: Mask, still: Mask) -> Mask:
         """Keep the directions in which all that the average depends on is prescribed.
 
-        A node keeps its own, as on symmetry planes, unless all its directions are prescribed.
+        On symmetry planes a node keeps its own: directions along the surface in which neither it
+        nor what it meets is moved. Elsewhere the rest of its average is free.
         """
         held = self.gather(fixed.x.array, missing=1.0) > 0.5
         weights = abs(self.weights())
-        symmetry = nodes & ~np.all(nodes, axis=1, keepdims=True)
+        along = abs(self.normals()) < ALONG
+        plane = self.side.owned(still) & along & self.on_plane(still)
+        symmetry = plane & ~np.all(nodes, axis=1, keepdims=True)
         meets = np.any(weights >= WEIGHTLESS, axis=1, keepdims=True)
         all_held = np.all(held | (weights < WEIGHTLESS)[:, :, None], axis=1)
         return np.asarray(symmetry | (meets & all_held))

@@ -7,7 +7,7 @@ from ..base.errors import ContactInputError
 from ..surfaces.elements import nodal_on_facets
 from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
-from .matching import faces_match
+from .matching import faces_match, shared_nodes
 from .mortar import Mortar
 from .node_to_face import NodeToFace
 from .obstacle import Obstacle
@@ -87,5 +87,7 @@ class DeformableObstacle(Obstacle):
 
     def _matches(self, side: Side, policy: SearchPolicy) -> bool:
         """Tell whether the faces of both surfaces match; collective."""
+        if shared_nodes(side.surface, self.primary, side.u.function_space):
+            return False  # a node has no gap to itself
         ours, theirs = FaceSet(side.surface, side.u), FaceSet(self.primary, side.u)
         return faces_match(ours, theirs, policy.distance(theirs))

@@ -44,6 +44,14 @@ class Facing:
         """Return the entries of a local array at the dofs of both surfaces; collective."""
         return self.secondary.rows.gather(values), self.primary.rows.gather(values)
 
+    def patches_near(self, nodes: slice, rings: int) -> npt.NDArray[np.bool_]:
+        """Tell which patches of the secondary surface are in so many rings round nodes."""
+        of_faces = self.secondary.nodes
+        near = (of_faces >= nodes.start) & (of_faces < nodes.stop)
+        for _ in range(rings - 1):
+            near = np.isin(of_faces, of_faces[near.any(axis=1)])
+        return np.repeat(near.any(axis=1), len(self.secondary.corners))
+
     def positions(self, u: Array) -> Positions:
         """Return the positions of all dofs, seen from :meth:`origin`; collective.
 

@@ -23,7 +23,7 @@ from .kinematics import Array
 from .mortar_element import MortarElement
 from .obstacle import Mask
 from .old_points import points_before
-from .search import SearchPolicy, find_pairs
+from .search import SearchPolicy
 from .segments import Segments, find_segments
 from .shares import Shares, find_shares
 from .side import Side
@@ -54,12 +54,10 @@ class Mortar(Averaged, TwoBodies):
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
         super().__init__(primary, policy, side)
         self._facing = Facing((side.surface, primary), side.u.function_space)
-        n, first = side.surface.num_owned, self._secondary.own.start
+        n = side.surface.num_owned
         self._own = self._facing.secondary.rows.places_of_local(side.parent_dofs[:n])
-        nodes = self._facing.secondary.nodes
-        mine = np.any((nodes >= first) & (nodes < first + n), axis=1)
-        near = np.any(np.isin(nodes, nodes[mine]), axis=1)
-        self._wanted = np.repeat(near, len(self._facing.secondary.corners))
+        # Where hats are given away, the faces round the nodes that take them count, too.
+        self._wanted = self._facing.patches_near(self._secondary.own, rings=3)
         self._full = self._secondary.gather(side.surface.area.x.array[:n])
         # A node of both surfaces, as at the tip of a crack, has no gap: its hat goes to others.
         both = self._facing.primary.rows.contains_local(side.parent_dofs[:n])
@@ -112,6 +110,7 @@ class Mortar(Averaged, TwoBodies):
 
     def levers(self) -> Array:
         """Return the forces of unit multipliers over the area."""
+        self.update()
         return self._element.levers() * self._cover()[:, None, None, None]
 
     def body_levers(self) -> Array:
@@ -145,6 +144,10 @@ class Mortar(Averaged, TwoBodies):
     def _alone(self) -> Mask:
         """Tell which owned nodes meet nothing."""
         return np.asarray(self._element.shares.covered == 0.0)
+
+    def acting_area(self) -> Array:
+        """Return what is covered of the test functions of nodes that meet something."""
+        return np.where(self._alone(), self.area(), self._element.shares.covered)
 
     def _cover(self) -> Array:
         """Return what is covered of the owned nodes' areas."""
@@ -206,14 +209,6 @@ class Mortar(Averaged, TwoBodies):
 
     # -- what else is asked of an obstacle -------------------------------------------------------
 
-    def started(self) -> npt.NDArray[np.int64]:
-        """Return the face of each node at the start of the step, or -1; collective."""
-        u_old = self.side.u_old
-        x, own = self._secondary.positions(u_old), self._secondary.own
-        held, directions = np.ones(own.stop - own.start, bool), self._secondary.node_normals(x)
-        parts = (self.faces, self.faces.positions(u_old), x[own], directions[own], self.policy)
-        return find_pairs(*parts, held).face
-
     def acting(self) -> tuple[Array, Array]:
         """Return all points (m) and the forces on the body there (N); collective."""
         self.update()
@@ -222,11 +217,11 @@ class Mortar(Averaged, TwoBodies):
 
     def penetration(self) -> float:
         """Return the largest penetration of a point (m), on this rank; collective."""
-        self.update()
         return float(np.max(self._depths(), initial=0.0))
 
     def _depths(self) -> Array:
         """Return how deep the points are in the other body (m); collective."""
+        self.update()
         secondary, points = self._facing.secondary, self._element.points
         nodes = secondary.nodes[secondary.face_of(points.patch)]
         offset = self._secondary.gather(self.offset)[nodes]
@@ -234,10 +229,15 @@ class Mortar(Averaged, TwoBodies):
 
     def missed(self, closed: Mask) -> Mask:
         """Tell which open nodes have points deep in the other body; collective."""
-        self.update()
-        shares, deepest = self._element.shares, np.zeros(len(closed))
-        np.maximum.at(deepest, shares.node, self._depths()[shares.point])
+        depths, shares, deepest = self._depths(), self._element.shares, np.zeros(len(closed))
+        np.maximum.at(deepest, shares.node, depths[shares.point])
         return np.asarray(~closed & (deepest > DEEP * self.side.facet_size()))
+
+    def on_plane(self, still: Mask) -> Mask:
+        """Tell in which directions a node of the other surface round each node is held, too."""
+        others = self._element.stencil >= self._facing.num_secondary
+        held = self.gather(still.astype(float)) > 0.5
+        return np.asarray(np.any(held & others[:, :, None], axis=1) | self._alone()[:, None])
 
     def partners(self, V: Any) -> npt.NDArray[np.int32]:
         """Return this rank's (blocked) dofs on both surfaces."""

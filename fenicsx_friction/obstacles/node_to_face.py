@@ -182,7 +182,7 @@ class NodeToFace(TwoBodies):
         self.update()
         return np.asarray(np.max(abs(self._now.z), axis=(1, 2)) * self.pairs.paired)
 
-    def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
+    def prescribed(self, fixed: fem.Function, nodes: Mask, still: Mask) -> Mask:
         """Keep the directions in which the node and all that it meets are prescribed.
 
         A node without a face keeps its prescribed directions, as on symmetry planes, unless all

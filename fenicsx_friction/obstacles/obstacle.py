@@ -52,11 +52,10 @@ class View:
 class Pairing(ABC):
     """What each owned node of a side meets: its kinematics, and the points its force acts on.
 
-    The kinematics of a node depend on the displacements of a few points, its *stencil*: the node
-    itself comes first. Its force acts on the first points of the stencil by ``levers``: in
-    proportion to ``weights``, whose sum is zero where the other side is deformable too. A new kind
-    of contact brings a stencil, the field and their derivatives; laws, solvers, certificate and
-    outputs ask for nothing else.
+    The kinematics of a node depend on the displacements of a few points, its *stencil*, the node
+    itself first. Its force acts on the first points of the stencil by ``levers``: in proportion to
+    ``weights``, whose sum is zero where the other side is deformable. A new kind of contact brings
+    a stencil, the field and their derivatives; nothing else is asked of an obstacle.
 
     Args:
         side: The side.
@@ -117,7 +116,7 @@ class Pairing(ABC):
 
     def acting(self) -> tuple[Array, Array]:
         """Return points (m) and the forces on the body there (N), one row each; collective."""
-        return self.positions(), np.asarray(self.area()[:, None] * self.traction())
+        return self.positions(), self.area()[:, None] * self.traction()
 
     def penetration(self) -> float:
         """Return the largest penetration of a point (m), on this rank; collective."""
@@ -126,6 +125,10 @@ class Pairing(ABC):
     def area(self) -> Array:
         """Return the areas of the owned nodes (m²; m per unit depth in 2D)."""
         return self.side.surface.area.x.array[: self.side.surface.num_owned]
+
+    def acting_area(self) -> Array:
+        """Return the parts of the areas on which forces act."""
+        return self.area()
 
     @abstractmethod
     def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
@@ -209,19 +212,20 @@ class Pairing(ABC):
         return np.zeros(len(closed), dtype=bool)
 
     def held_depths(self, held: fem.Function) -> Array:
-        """Return how deep held points beside the nodes are in the obstacle (m), else ``-inf``."""
+        """Return how deep held points beside the nodes are in the obstacle (m)."""
         return np.zeros(0)
 
     def missed(self, closed: Mask) -> Mask:
         """Tell which nodes that are not closed have the obstacle deep in faces; collective."""
         return np.zeros(len(closed), dtype=bool)
 
-    def prescribed(self, fixed: fem.Function, nodes: Mask) -> Mask:
+    def prescribed(self, fixed: fem.Function, nodes: Mask, still: Mask) -> Mask:
         """Return which directions are prescribed to both sides; collective.
 
         Args:
             fixed: 1 at the prescribed dofs of the displacement, else 0.
             nodes: The same for the owned nodes of the surface, one row a node.
+            still: The prescribed dofs that do not move in this step, as on symmetry planes.
         """
         return nodes
 

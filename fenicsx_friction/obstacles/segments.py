@@ -23,8 +23,12 @@ Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-#: Cosine of the normals of two patches above which one may press on the other.
-FACING = 0.1
+#: Cosine of the normals of two patches above which one may press on the other. The sides of a
+#: block that is a bit tilted do not see what it stands on.
+FACING = 0.5
+#: A patch that sees primary patches whose distances differ by this fraction of its size may have
+#: one before another.
+DEEPER = 0.1
 #: Degree of the quadrature beyond that of the shape functions on quadrilaterals: on those that are
 #: no parallelograms these are no polynomials in the plane. Pressures of a patch test on coarse
 #: skewed faces are 3e-3 off with 0, 1e-5 with 2, 2e-8 with 4, which takes twice the points of 2.
@@ -133,11 +137,22 @@ class _Sight:
         own = self._planes.flat(np.arange(len(self._own)), self._own)
         seen = np.bincount(self.patch, found * good, minlength=len(own))
         crowded, near = seen > TWICE * abs(sizes(own)), good[pair]
+        crowded |= self._spread(mean / np.where(found > 0.0, found, 1.0), good, abs(sizes(own)))
         if np.any(crowded):
             doubtful = np.flatnonzero(near & crowded[patch])
             behind = self._behind(doubtful, pair, start, abs(height), good)
             near[doubtful[behind]] = False
         return eta, near
+
+    def _spread(self, height: Array, good: Mask, size: Array) -> Mask:
+        """Tell which patches see others at distances that differ much."""
+        ends = []
+        for sign in (1.0, -1.0):
+            end = np.full(len(size), -np.inf)
+            np.maximum.at(end, self.patch[good], sign * height[good])
+            ends.append(end)
+        length = size ** (1.0 / (self._secondary.d - 1))
+        return np.asarray(ends[0] + ends[1] > DEEPER * length)
 
     def _behind(
         self, points: Indices, pair: Indices, start: Array, height: Array, good: Mask

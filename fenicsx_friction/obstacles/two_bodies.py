@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from ..base.errors import ContactInputError
 from ..surfaces.face_cells import normals
 from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
 from .crossing import DEPTH, Motion, find_crossed
 from .kinematics import Array
 from .obstacle import Mask, Pairing, View
-from .search import TIE, SearchPolicy, nearest_faces
+from .search import TIE, SearchPolicy, find_pairs, nearest_faces
 from .side import Side
 
 #: An offset is known along the node's own normal: part of it by which it is in doubt.
@@ -47,9 +48,13 @@ class TwoBodies(Pairing):
         self.faces, self._secondary = FaceSet(primary, side.u), FaceSet(side.surface, side.u)
         self.offset, self._doubt = np.zeros(side.surface.num_owned), 0.0
 
-    @abstractmethod
     def started(self) -> npt.NDArray[np.int64]:
-        """Return the face of each owned node at the last accepted displacement, or -1."""
+        """Return the face of each node at the start of the step, or -1; collective."""
+        u_old = self.side.u_old
+        x, own = self._secondary.positions(u_old), self._secondary.own
+        held, directions = np.ones(own.stop - own.start, bool), self._secondary.node_normals(x)
+        parts = (self.faces, self.faces.positions(u_old), x[own], directions[own], self.policy)
+        return find_pairs(*parts, held).face
 
     @abstractmethod
     def meeting(self) -> Mask:
@@ -62,7 +67,17 @@ class TwoBodies(Pairing):
 
         Args:
             limit: Nodes with a larger gap or overlap (m) keep it.
+
+        Raises:
+            ContactInputError: If this is more than the reach of the search.
         """
+        reach = self.policy.distance(self.faces)
+        if limit > reach:
+            raise ContactInputError(
+                f"DeformableObstacle: close_gaps = {limit:g} m is more than the surfaces "
+                f"'{self.side.surface.name}' and '{self.primary.name}' see, {reach:g} m: give "
+                f"search=SearchPolicy(reach={2.0 * limit:g}), or a smaller limit."
+            )
         state = (self.side.u, self.side.u_old, self.side.c)
         kept = [f.x.array.copy() for f in state]
         try:

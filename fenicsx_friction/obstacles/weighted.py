@@ -16,16 +16,22 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from ..base.errors import ContactInputError
 from ..surfaces.elements import degree_on_facets
+from ..surfaces.face_cells import normals
 from ..surfaces.face_points import FacePoints
 from ..surfaces.face_tables import gauss, lattice
-from ..surfaces.faces import surface_normals
+from ..surfaces.faces import FaceSet, surface_normals
 from ..surfaces.nodal_kernel import NodalKernel, Sites
-from .averaged import DEEP, Averaged
+from .averaged import DEEP, WEIGHTLESS, Averaged
 from .kinematics import Array, frame_slopes, frames, slices
 from .obstacle import Mask
 from .rigid_pairing import Rigid, RigidPairing
 from .side import Side
+
+#: Cosine of the normals of a face and of its node below which there is a corner: 74 degrees or more
+#: between two faces.
+KINK = 0.8
 
 
 class WeightedPairing(Averaged, RigidPairing):
@@ -50,6 +56,7 @@ class WeightedPairing(Averaged, RigidPairing):
         degree = degree_on_facets(V)
         self.points = FacePoints(side.surface, V, gauss(side.surface, 2 * degree))
         self._nodes = FacePoints(side.surface, V, lattice(side.surface, degree))
+        _check_kinks(side)
         self.axis = fem.Function(side.hint.function_space, name="mean_normal")
         super().__init__(obstacle, side)
         gap, _ = self.near.gap_and_normal(ufl.SpatialCoordinate(side.surface.mesh), side.u)
@@ -158,6 +165,14 @@ class WeightedPairing(Averaged, RigidPairing):
             self.side.u.x.array[:] = kept
         self.axis.x.scatter_forward()
 
+    def on_plane(self, still: Mask) -> Mask:
+        """Tell in which directions the obstacle does not move the points that the nodes are at."""
+        X, n = self.side.surface.x[:, : self.side.d], self.side.surface.num_owned
+        old = X + self.side.owned(self.side.u_old.x.array)
+        motion = self.obstacle.motion
+        moved = np.zeros((n, self.side.d)) if motion is None else motion.carried(old) - old
+        return np.asarray(abs(moved) <= WEIGHTLESS * (1.0 + abs(old)))
+
     def _paths(self) -> tuple[Array, Array]:
         """Return where the points start, carried along by the obstacle, and end; collective."""
         V, points = self.side.u.function_space, self.points
@@ -198,3 +213,25 @@ class WeightedPairing(Averaged, RigidPairing):
             return found[:, 0], found[:, where]
 
         return at
+
+
+def _check_kinks(side: Side) -> None:
+    """Raise where a surface goes round a corner: averages over both sides of it mean nothing.
+
+    Raises:
+        ContactInputError: On all ranks.
+    """
+    faces = FaceSet(side.surface, side.u)
+    center = np.tile(faces.cell.center, (len(faces.faces), 1))
+    of_faces = normals(faces.cell, faces.X[faces.faces], center)
+    of_nodes = faces.node_normals(faces.X)[faces.faces]
+    cosine = np.einsum("fd,fvd->fv", of_faces, of_nodes)
+    if np.min(cosine, initial=1.0) < KINK:
+        where = faces.X[faces.faces[np.unravel_index(np.argmin(cosine), cosine.shape)]]
+        place = ", ".join(f"{x:.6g}" for x in where)
+        raise ContactInputError(
+            f"Contact surface '{side.surface.name}' goes round a corner at ({place}). A "
+            "displacement of degree 2 or more meets a rigid obstacle on average over the faces "
+            "round each node: give each side of the corner a contact of its own, or tag only the "
+            "side that may touch."
+        )
