@@ -14,7 +14,6 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from ..base.collective import any_rank
 from ..surfaces.surface import ContactSurface
 from .averaged import DEEP, Averaged
 from .dual_hats import dual_hats
@@ -62,37 +61,25 @@ class Mortar(Averaged, TwoBodies):
         # A node of both surfaces, as at the tip of a crack, has no gap: its hat goes to others.
         both = self._facing.primary.rows.contains_local(side.parent_dofs[:n])
         self._full[self._secondary.gather(both)] = np.inf
-        self._inputs_before: tuple[Array, ...] | None = None
         self._last_version = 0
         self.anchor()
 
     # -- kinematics ------------------------------------------------------------------------------
 
-    def update(self) -> None:
-        """Follow the displacement, as far as it has changed; collective."""
-        now, before = self._inputs(), self._inputs_before
-        changed = before is None or not all(map(np.array_equal, now, before))
-        if not any_rank(self.primary.mesh.comm, changed):
-            return
-        self._inputs_before = None  # until all is written: an interrupt may come
-        element = self._element
+    def _fill(self, rows: Array) -> None:
+        """Average over the points."""
+        element, width, d = self._element, rows.shape[1], self.side.d
         x = self._facing.positions(self.side.u.x.array)
         element.evaluate(x, self._axis, self.side.nodal(self.side.hint))
-        n, width = self.side.surface.num_owned, self.field.function_space.dofmap.bs
-        rows = self.field.x.array[: n * width].reshape(n, width)
         rows[:] = element.values()
         rows[:, 0] -= self.offset
-        d, alone = self.side.d, self._alone()
         rows[:, width - d :] += self._facing.origin(self.side.u.x.array)
+        alone = self._alone()
         if np.any(alone):
             rows[alone, : width - d] = self.alone(alone)
-            places = self._secondary.X[self._secondary.own] + self.side.owned(self.side.u.x.array)
-            rows[alone, width - d :] = places[alone]
-        self.field.x.scatter_forward()
-        failed = np.zeros(n, dtype=bool)
-        failed[element.shares.node[element.failed[element.shares.point]]] = True
-        self.lost = failed
-        self._inputs_before = now
+            rows[alone, width - d :] = self._places()[alone]
+        self.lost = np.zeros(len(rows), dtype=bool)
+        self.lost[element.shares.node[element.failed[element.shares.point]]] = True
 
     def derivatives(self) -> tuple[Array, None]:
         """Return the derivatives of the field by the positions of the stencil."""

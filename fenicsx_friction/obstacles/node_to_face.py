@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from ..base.collective import any_rank
 from ..surfaces.face_cells import Array, project
 from ..surfaces.surface import ContactSurface
 from .face_pairs import FacePairs
@@ -40,7 +39,6 @@ class NodeToFace(TwoBodies):
         n = side.surface.num_owned
         self._kernel = PairKernel(side.surface.mesh.comm, self.faces.cell, side.d, n)
         self._primary_dofs = self.partners(side.u.function_space)
-        self._inputs_before: tuple[Array, ...] | None = None
         self._history = FacePairs(self.faces, self._secondary, policy, side)
 
     def _warn_of_coarse_nodes(self) -> None:
@@ -55,28 +53,16 @@ class NodeToFace(TwoBodies):
 
     # -- kinematics ------------------------------------------------------------------------------
 
-    def update(self) -> None:
-        """Follow the displacement, as far as it has changed; collective."""
-        now, before = self._inputs(), self._inputs_before
-        changed = before is None or not all(map(np.array_equal, now, before))
-        if not any_rank(self.primary.mesh.comm, changed):
-            return
-        self._inputs_before = None  # until all is written: an interrupt may come
+    def _fill(self, rows: Array) -> None:
+        """Evaluate the elements of all pairs."""
         self._now = self._geometry()
-        values = self._kernel.values(self._now)
-        n, size = len(values), self._kernel.size
-        width = self.field.function_space.dofmap.bs
-        rows = self.field.x.array[: n * width].reshape(n, width)
+        values, size = self._kernel.values(self._now), self._kernel.size
         rows[:, :size] = values[:, :size]
         alone = ~self.pairs.paired
         if np.any(alone):
             rows[alone, :size] = self.alone(alone)
-        rows[:, size:] = self._secondary.X[self._secondary.own] + self.side.owned(
-            self.side.u.x.array
-        )
-        self.field.x.scatter_forward()
+        rows[:, size:] = self._places()
         self._shapes = values[:, size:]
-        self._inputs_before = now
 
     def derivatives(self) -> tuple[Array, Array | None]:
         """Return the derivatives of field and weights by the stencil's positions."""

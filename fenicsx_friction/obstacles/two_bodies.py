@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from ..base.collective import any_rank
 from ..base.errors import ContactInputError
 from ..surfaces.face_cells import normals
 from ..surfaces.faces import FaceSet
@@ -46,7 +47,32 @@ class TwoBodies(Pairing):
         super().__init__(side)
         self.primary, self.policy = primary, policy
         self.faces, self._secondary = FaceSet(primary, side.u), FaceSet(side.surface, side.u)
+        self._inputs_before: tuple[Array, ...] | None = None
         self.offset, self._doubt = np.zeros(side.surface.num_owned), 0.0
+
+    def update(self) -> None:
+        """Follow the displacement, as far as it has changed; collective."""
+        now, before = self._inputs(), self._inputs_before
+        changed = before is None or not all(map(np.array_equal, now, before))
+        if not any_rank(self.primary.mesh.comm, changed):
+            return
+        self._inputs_before = None  # until all is written: an interrupt may come
+        n, width = self.side.surface.num_owned, self.field.function_space.dofmap.bs
+        self._fill(self.field.x.array[: n * width].reshape(n, width))
+        self.field.x.scatter_forward()
+        self._inputs_before = now
+
+    @abstractmethod
+    def _inputs(self) -> tuple[Array, ...]:
+        """Return all of this rank that the kinematics depend on."""
+
+    @abstractmethod
+    def _fill(self, rows: Array) -> None:
+        """Write the field of the owned nodes, one row each; collective."""
+
+    def _places(self) -> Array:
+        """Return the current positions of the owned nodes (m)."""
+        return self._secondary.X[self._secondary.own] + self.side.owned(self.side.u.x.array)
 
     def started(self) -> npt.NDArray[np.int64]:
         """Return the face of each node at the start of the step, or -1; collective."""
