@@ -45,6 +45,7 @@ class LagrangeFaces:
     def __init__(self, surface: ContactSurface, V: fem.FunctionSpace) -> None:
         cell, self.d = surface.submesh.basix_cell(), surface.mesh.geometry.dim
         self.degree = degree_on_facets(V)
+        self._curved = surface.mesh.geometry.cmaps[0].degree > 1
         kind, variant = basix.ElementFamily.P, basix.LagrangeVariant.gll_warped
         self._element = basix.create_element(kind, cell, self.degree, variant)
         self._hats = basix.create_element(kind, cell, 1, variant)
@@ -115,8 +116,19 @@ class LagrangeFaces:
         return np.asarray(found.reshape(len(self), corners, self.d))
 
     def center_slopes(self) -> Array:
-        """Return the weights of the dofs in the tangents at the centers of a face's patches."""
-        return self.slopes(self.centers)
+        """Return the weights of the dofs in the tangents of a face's patches.
+
+        Patches of curved faces have tangents of their own. Those of straight faces share the ones
+        between the vertices: at the end of a contact, where stresses are singular, the nodes
+        between them make waves, and normals that follow these tilt friction.
+        """
+        if self._curved:
+            return self.slopes(self.centers)
+        middle = np.tile(self.centers.mean(axis=0), (len(self.centers), 1))
+        slopes = np.zeros((len(middle), self.d - 1, self.dofs.shape[1]))
+        hats = _tabulated(self._hats, 1, middle)[1:]
+        slopes[:, :, : self.nodes.shape[1]] = hats.transpose(1, 0, 2)
+        return slopes
 
     def tangents(self, x: Array) -> Array:
         """Return the tangents at the centers of all patches, (patches, d - 1, d)."""
