@@ -97,7 +97,8 @@ def _advice(report: StepReport) -> list[str]:
         advice.append(
             f"Boundary conditions push held nodes {certificate.pushed:.3g} m into an obstacle."
         )
-    if certificate.unphysical > certificate.tolerance:
+    solved = report.substeps and report.substeps[-1].converged  # else it says nothing of the law
+    if solved and certificate.unphysical > certificate.tolerance:
         advice.append(
             "The friction limit or the dissipation is negative: a law must return a limit >= 0."
         )
