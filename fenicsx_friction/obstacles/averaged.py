@@ -8,6 +8,7 @@ from abc import abstractmethod
 import numpy as np
 from dolfinx import fem
 
+from .face_frames import along_planes
 from .kinematics import Array, frames, slices
 from .obstacle import Mask, Pairing
 
@@ -43,10 +44,8 @@ class Averaged(Pairing):
         n = values[:, slice(*normal)]
         n /= np.linalg.norm(n, axis=1, keepdims=True)
         for where in first:
-            e = values[:, slice(*where)]
-            e -= np.sum(e * n, axis=1, keepdims=True) * n
-            length = np.linalg.norm(e, axis=1, keepdims=True)
-            e /= np.where(length > 0.0, length, 1.0)  # before hints are chosen
+            # There is none before hints are chosen.
+            values[:, slice(*where)] = along_planes(values[:, slice(*where)], n)
         return frames(values, self.side.d)
 
     @abstractmethod

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from ..surfaces.face_cells import Array
 from ..surfaces.faces import FaceSet
+from .search import flat
 from .ways import Indices, Mask, Way, area_vectors, sign_changes, simplices
 
 #: A node is behind a face from this fraction of the mean face on, plus what the face is warped.
@@ -168,8 +169,7 @@ def _candidates(faces: FaceSet, motion: Motion, watched: Mask) -> Iterator[tuple
         x = (motion.x[0][block] + motion.x[1][block]) / 2.0
         half = np.linalg.norm(motion.x[1][block] - motion.x[0][block], axis=1) / 2.0
         near = tree.query_ball_point(x, half + np.max(size))
-        k = np.repeat(np.arange(len(block)), [len(n) for n in near])
-        f = np.concatenate([np.asarray(n, dtype=np.int64) for n in near])
+        k, f = flat(near)
         meet = np.linalg.norm(x[k] - middle[f], axis=1) <= half[k] + size[f]
         if np.any(meet):
             yield block[k[meet]], f[meet]

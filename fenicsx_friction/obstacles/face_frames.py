@@ -37,6 +37,13 @@ def unit_normals(tangents: Array, sign: Array, weights: Array) -> tuple[Array, A
     return normal, np.einsum("nike,nka->niae", slopes, weights)
 
 
+def along_planes(vectors: Array, normals: Array) -> Array:
+    """Return the unit vectors along the tangential parts of vectors, zero where there is none."""
+    tangential = vectors - np.sum(vectors * normals, axis=1, keepdims=True) * normals
+    length = np.linalg.norm(tangential, axis=1, keepdims=True)
+    return np.asarray(tangential / np.where(length > 0.0, length, 1.0))
+
+
 def carried_frames(normal: Array, axis: Array, hint: Array) -> tuple[Array, Array]:
     """Return frames of normals, and their derivatives by these.
 
@@ -54,9 +61,7 @@ def carried_frames(normal: Array, axis: Array, hint: Array) -> tuple[Array, Arra
         turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
         slopes[:, 1] = turn
         return np.stack([normal, normal @ turn.T], axis=1), slopes
-    first = hint - np.sum(hint * axis, axis=1, keepdims=True) * axis
-    length = np.linalg.norm(first, axis=1, keepdims=True)
-    first /= np.where(length > 0.0, length, 1.0)
+    first = along_planes(hint, axis)
     both = 1.0 + np.sum(axis * normal, axis=1, keepdims=True)
     both = np.where(both > 1e-9, both, 1.0)  # opposite: there is no such rotation
     share, middle = np.sum(normal * first, axis=1, keepdims=True) / both, axis + normal

@@ -74,7 +74,7 @@ class Mortar(Averaged, TwoBodies):
         rows[:] = element.values()
         rows[:, 0] -= self.offset
         rows[:, width - d :] += self._facing.origin(self.side.u.x.array)
-        alone = self._alone()
+        alone = ~self.meeting()
         if np.any(alone):
             rows[alone, : width - d] = self.alone(alone)
             rows[alone, width - d :] = self._places()[alone]
@@ -84,7 +84,7 @@ class Mortar(Averaged, TwoBodies):
     def derivatives(self) -> tuple[Array, None]:
         """Return the derivatives of the field by the positions of the stencil."""
         slopes = self._element.slopes()
-        alone, d = self._alone(), self.side.d
+        alone, d = ~self.meeting(), self.side.d
         slopes[alone] = 0.0
         slopes[alone, -d:, 0] = np.eye(d)
         n, entries, points, _ = slopes.shape
@@ -126,15 +126,11 @@ class Mortar(Averaged, TwoBodies):
 
     def meeting(self) -> Mask:
         """Tell which owned nodes see something."""
-        return ~self._alone()
-
-    def _alone(self) -> Mask:
-        """Tell which owned nodes meet nothing."""
-        return np.asarray(self._element.shares.covered == 0.0)
+        return np.asarray(self._element.shares.covered > 0.0)
 
     def acting_area(self) -> Array:
         """Return what is covered of the test functions of nodes that meet something."""
-        return np.where(self._alone(), self.area(), self._element.shares.covered)
+        return np.where(self.meeting(), self._element.shares.covered, self.area())
 
     def _cover(self) -> Array:
         """Return what is covered of the owned nodes' areas."""
@@ -158,7 +154,7 @@ class Mortar(Averaged, TwoBodies):
         moved = max(np.max(abs(now - then)) for now, then in zip(x, self._seen_at, strict=True))
         if moved <= STILL * self.faces.size:
             return False
-        self._take(self._see(x), x, self._secondary.gather(self._element.shares.covered > 0.0))
+        self._take(self._see(x), x, self._secondary.gather(self.meeting()))
         return True
 
     def _see(self, x: Positions) -> Segments:
@@ -224,7 +220,7 @@ class Mortar(Averaged, TwoBodies):
         """Tell in which directions a node of the other surface round each node is held, too."""
         others = self._element.stencil >= self._facing.num_secondary
         held = self.gather(still.astype(float)) > 0.5
-        return np.asarray(np.any(held & others[:, :, None], axis=1) | self._alone()[:, None])
+        return np.asarray(np.any(held & others[:, :, None], axis=1) | ~self.meeting()[:, None])
 
     def partners(self, V: Any) -> npt.NDArray[np.int32]:
         """Return this rank's (blocked) dofs on both surfaces."""

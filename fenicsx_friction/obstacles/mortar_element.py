@@ -51,6 +51,7 @@ class MortarElement:
         self._old_dofs = facing.primary.dofs[old[0]]
         self._shares_at = groups.corners @ self._at
         self._old_shares = groups.old @ self._old_at
+        self._sums = groups.corners @ np.ones(len(points.patch))
 
     @property
     def stencil(self) -> Indices:
@@ -73,9 +74,8 @@ class MortarElement:
             hint: Vectors whose tangential parts are the first tangents.
         """
         secondary, primary, points = self._facing.secondary, self._facing.primary, self.points
-        weights = np.tile(secondary.center_slopes(), (len(secondary.dofs), 1, 1))
-        outward = np.repeat(secondary.outward, len(secondary.corners))
-        normals, turns = unit_normals(secondary.tangents(x[0]), -outward, weights)
+        weights = np.tile(secondary.center_slopes, (len(secondary.dofs), 1, 1))
+        normals, turns = unit_normals(secondary.tangents(x[0]), -secondary.signs, weights)
         corners = self._corners
         node, patch = corners.node, corners.key
         self.frames, by_normal = carried_frames(normals[patch], axis[node], hint[node])
@@ -98,11 +98,10 @@ class MortarElement:
     def values(self) -> Array:
         """Return the field of the nodes: averages, (nodes, entries)."""
         corners, frames, way = self._corners, self.frames, self._way_of_corner
-        shares = corners @ np.ones(len(self.x))
         gap = corners @ self.gap
         slip = np.einsum("ckd,cd->ck", frames[:, 1:], way)
         d = frames.shape[1]
-        directions = frames[:, : d - 1].reshape(len(frames), (d - 1) * d) * shares[:, None]
+        directions = frames[:, : d - 1].reshape(len(frames), (d - 1) * d) * self._sums[:, None]
         return np.asarray(
             self._groups.to_node @ np.column_stack([gap, slip, directions, corners @ self.x])
         )
@@ -119,7 +118,7 @@ class MortarElement:
         block[:, :, slip] = self._shares_at[:, :, None, None] * self.frames[:, None, 1:]
         turned = np.einsum("ckij,cjae->cakie", self._by_normal, turns)
         block[:, :, slip] += np.einsum("ci,cakie->cake", self._way_of_corner, turned[:, :, 1:])
-        shares = (corners @ np.ones(len(self.x)))[:, None, None, None]
+        shares = self._sums[:, None, None, None]
         for where, k in zip([normal, *first], range(d - 1), strict=True):
             block[:, :, where] = shares * turned[:, :, k]
         block[:, :, position] = self._shares_at[:, :, None, None] * np.eye(d)

@@ -17,7 +17,7 @@ Indices = npt.NDArray[np.int64]
 
 def outward_normals(faces: LagrangeFaces, x: Array) -> Array:
     """Return the unit normals out of the body at the centers of all patches."""
-    normal = np.repeat(faces.outward, len(faces.corners))[:, None] * normals_of(faces.tangents(x))
+    normal = faces.signs[:, None] * normals_of(faces.tangents(x))
     return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 

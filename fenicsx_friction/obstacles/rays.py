@@ -70,11 +70,11 @@ def split(tangents: Array, along: Array, way: Array) -> tuple[Array, Array]:
 def duals(tangents: Array, along: Array) -> Array:
     """Return the dual vectors of tangents and a direction: (points, d, d)."""
     normal = normals_of(tangents)
-    of_along = normal / np.sum(normal * along, axis=1, keepdims=True)
+    volume = np.sum(normal * along, axis=1, keepdims=True)
+    of_along = normal / volume
     if tangents.shape[2] == 2:
         across = np.column_stack([along[:, 1], -along[:, 0]])
         first = across / np.sum(across * tangents[:, 0], axis=1, keepdims=True)
         return np.stack([first, of_along], axis=1)
-    volume = np.sum(normal * along, axis=1, keepdims=True)
     first, second = np.cross(tangents[:, 1], along), np.cross(along, tangents[:, 0])
     return np.stack([first / volume, second / volume, of_along], axis=1)

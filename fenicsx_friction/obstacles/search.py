@@ -143,9 +143,9 @@ def nearest_faces(faces: FaceSet, face_x: Array, x: Array) -> Nearest:
         face_x: Positions of their nodes (m).
         x: Positions of the nodes (m).
     """
-    center, radius = _balls(face_x[faces.faces])
+    center, radius = balls(face_x[faces.faces])
     tree = cKDTree(center)
-    i, f = _flat(tree.query_ball_point(x, tree.query(x)[0] + np.max(radius)))
+    i, f = flat(tree.query_ball_point(x, tree.query(x)[0] + np.max(radius)))
     return _nearest(faces, face_x, x, i, f)
 
 
@@ -200,8 +200,8 @@ def _candidates(
     The distance ``d`` of a face with center ``c`` and radius ``r`` obeys ``|c| - r <= d <= |c|``.
     """
     corners = face_x[faces.faces]
-    center, radius = _balls(corners)
-    i, f = _flat(cKDTree(center).query_ball_point(x, policy.distance(faces) + np.max(radius)))
+    center, radius = balls(corners)
+    i, f = flat(cKDTree(center).query_ball_point(x, policy.distance(faces) + np.max(radius)))
     middle = np.tile(faces.cell.center, (len(corners), 1))
     normal = normals(faces.cell, corners, middle)
     looks = np.sum(normal[f] * directions[i], axis=1) < 0.0
@@ -215,13 +215,13 @@ def _candidates(
     return i[possible], f[possible]
 
 
-def _balls(corners: Array) -> tuple[Array, Array]:
+def balls(corners: Array) -> tuple[Array, Array]:
     """Return centers and radii of balls about faces."""
     center = corners.mean(axis=1)
     return center, np.max(np.linalg.norm(corners - center[:, None], axis=2), axis=1)
 
 
-def _flat(
+def flat(
     near: Sequence[Sequence[int]],
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return the pairs of a list of faces for each node."""

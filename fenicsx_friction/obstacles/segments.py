@@ -18,6 +18,7 @@ from .clipping import common_points, sizes
 from .facing import Facing, Positions
 from .planes import Planes, outward_normals
 from .rays import cast
+from .search import balls, flat
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -31,7 +32,7 @@ FACING = 0.5
 DEEPER = 0.1
 #: Degree of the quadrature beyond that of the shape functions on quadrilaterals: on those that are
 #: no parallelograms these are no polynomials in the plane. Pressures of a patch test on coarse
-#: skewed faces are 3e-3 off with 0, 1e-5 with 2, 2e-8 with 4, which takes twice the points of 2.
+#: skewed faces are 2e-4 off with 0, 5e-7 with 2, which takes twice the points.
 MORE = 2
 #: A patch that sees more than this times itself has one primary patch before another.
 TWICE = 1.0 + 1e-6
@@ -103,13 +104,15 @@ class _Sight:
 
     def pair(self, wanted: Mask, reach: float) -> None:
         """Pair patches that face each other nearby."""
-        planes, (own, other) = self._planes, (_balls(c) for c in (self._own, self._other))
+        planes, (own, other) = self._planes, (balls(c) for c in (self._own, self._other))
         mine = np.flatnonzero(wanted)
         # Within reach across the plane, and within both balls along it.
         both = own[1][mine] + np.max(other[1])
-        near = cKDTree(other[0]).query_ball_point(own[0][mine], np.hypot(reach + both, both))
-        patch = np.repeat(mine, [len(n) for n in near])
-        meets = np.concatenate([np.sort(np.asarray(n, dtype=np.int64)) for n in near] or [mine])
+        radius = np.hypot(reach + both, both)
+        i, meets = flat(
+            cKDTree(other[0]).query_ball_point(own[0][mine], radius, return_sorted=True)
+        )
+        patch = mine[i]
         outward = outward_normals(self._primary, self._x[1])
         facing = np.sum(planes.normal[patch] * outward[meets], axis=1) > FACING
         patch, meets = patch[facing], meets[facing]
@@ -185,9 +188,3 @@ def ranges(keys: Indices, wanted: Indices) -> tuple[Indices, Indices]:
     number = last - first
     rows = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
     return rows + np.repeat(first, number), number
-
-
-def _balls(corners: Array) -> tuple[Array, Array]:
-    """Return centers and radii of balls about patches."""
-    center = corners.mean(axis=1)
-    return center, np.max(np.linalg.norm(corners - center[:, None], axis=2), axis=1)

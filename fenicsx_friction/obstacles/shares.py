@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Shares of points in the averages of nodes, on surfaces of which a part is covered.
 
-The test function of a node is the hat of its vertex, on what is covered. Where little of a hat is
-covered, it is added to those of the nodes beside: none of the remaining nodes is small, none has a
-negative weight, and their sum is one on all that is covered.
+Where little of a node's test function is covered, it is added to those of the nodes beside: none of
+the remaining nodes is small, none has a negative weight, and their sum is one on all that is
+covered. (``hats`` are these functions here, dual or not.)
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Shares:
 
 
 def find_shares(
-    face_nodes: Indices, face: Indices, weights: Array, full: Array, kept_before: Mask | None = None
+    face_nodes: Indices, face: Indices, weights: Array, full: Array, kept_before: Mask
 ) -> Shares:
     """Return the shares of all nodes.
 
@@ -55,7 +55,7 @@ def find_shares(
     node, point = face_nodes[face].ravel(), np.repeat(np.arange(points), face_nodes.shape[1])
     hats = scipy.sparse.csr_array((weights.ravel(), (node, point)), shape=(n, points))
     covered = np.asarray(np.bincount(node, weights.ravel(), minlength=n), dtype=float)
-    least = SMALL if kept_before is None else np.where(kept_before, SMALL, LARGE)
+    least = np.where(kept_before, SMALL, LARGE)
     small = (covered > 0.0) & (covered < least * full)
     if np.any(small):
         hats = (_given_away(face_nodes[np.unique(face)], covered, small) @ hats).tocsr()

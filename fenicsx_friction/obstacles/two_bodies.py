@@ -17,6 +17,7 @@ from ..surfaces.face_cells import normals
 from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
 from .crossing import DEPTH, Motion, find_crossed
+from .face_frames import along_planes
 from .kinematics import Array
 from .obstacle import Mask, Pairing, View
 from .search import TIE, SearchPolicy, find_pairs, nearest_faces
@@ -129,10 +130,7 @@ class TwoBodies(Pairing):
         reach = self.policy.distance(self.faces)
         parts = [np.full((len(normal), 1), reach), np.zeros((len(normal), d - 1)), normal]
         if d == 3:
-            hint = self.side.nodal(self.side.hint)[nodes]
-            first = hint - np.sum(hint * normal, axis=1)[:, None] * normal
-            length = np.linalg.norm(first, axis=1)[:, None]
-            parts.append(first / np.where(length > 0.0, length, 1.0))
+            parts.append(along_planes(self.side.nodal(self.side.hint)[nodes], normal))
         return np.hstack(parts)
 
     def view(self, u: fem.Function) -> View:

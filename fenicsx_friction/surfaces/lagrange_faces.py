@@ -83,6 +83,11 @@ class LagrangeFaces:
         tangents = np.einsum("pta,fad->fptd", self.slopes(np.asarray(points)), self.X[self.dofs])
         return np.linalg.norm(normals_of(tangents), axis=2) @ np.asarray(weights)
 
+    @cached_property
+    def signs(self) -> Array:
+        """``outward`` of the face of each patch."""
+        return np.repeat(self.outward, len(self.corners))
+
     def face_of(self, patch: Indices) -> Indices:
         """Return the faces of patches."""
         return patch // len(self.corners)
@@ -115,8 +120,9 @@ class LagrangeFaces:
         found = np.einsum("ca,fad->fcd", shapes, x[self.dofs])
         return np.asarray(found.reshape(len(self), corners, self.d))
 
+    @cached_property
     def center_slopes(self) -> Array:
-        """Return the weights of the dofs in the tangents of a face's patches.
+        """The weights of the dofs in the tangents of a face's patches: (patches, d - 1, dofs).
 
         Patches of curved faces have tangents of their own. Those of straight faces share the ones
         between the vertices: at the end of a contact, where stresses are singular, the nodes
@@ -132,7 +138,7 @@ class LagrangeFaces:
 
     def tangents(self, x: Array) -> Array:
         """Return the tangents at the centers of all patches, (patches, d - 1, d)."""
-        found = np.einsum("pta,fad->fptd", self.center_slopes(), x[self.dofs])
+        found = np.einsum("pta,fad->fptd", self.center_slopes, x[self.dofs])
         return np.asarray(found.reshape(len(self), self.d - 1, self.d))
 
 
