@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """How contact enters the equations: nodal forces, rows of the laws, and their derivatives.
 
-The bulk is assembled from forms; the forms contain no contact. This module adds it node by node: an
-element is the stencil of one node with its multipliers, for any kind of obstacle. The pairing gives
-the kinematics and their derivatives, UFL those of the rows. The chain rule joins them here.
+The bulk is assembled from forms; the forms contain no contact. This module adds it in blocks: those
+of one node are its stencil with its multipliers, for any kind of obstacle. The pairing gives the
+kinematics and their derivatives, UFL those of the rows. The chain rule joins them.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -26,6 +27,7 @@ from ..contact.contact import Contact
 from ..obstacles.kinematics import Array
 from ..surfaces.nodal_kernel import NodalKernel
 from ..surfaces.surface import has_vertex_dofs
+from .blocks import Blocks, Places, derivatives_of
 from .conditions import constrained_dofs, with_conditions
 from .numbering import global_dofs, num_owned
 
@@ -46,7 +48,7 @@ class Law:
 
 
 class ContactTerms:
-    """The elements of all contacts of a problem; methods are collective.
+    """The blocks of all contacts of a problem; methods are collective.
 
     Args:
         contacts: The contacts.
@@ -143,25 +145,25 @@ class ContactTerms:
         """
         missing = [with_conditions(f, self._bcs) - f.x.array for f in self._unknowns]
         if any_rank(self._comm, any(bool(np.any(m != 0.0)) for m in missing)):
-            for i, (matrix, rows) in enumerate(
-                zip(self.matrices(law), self.columns(law), strict=True)
+            for i, (blocks, places) in enumerate(
+                zip(self.matrices(law), self.places(law), strict=True)
             ):
-                step = self._of_elements(i, law, missing, 0.0)
-                _add(b, rows, np.einsum("nij,nj->ni", matrix, step))
+                steps = self._of_blocks(i, law, missing, 0.0)
+                for values, (rows, _), (_, step) in zip(blocks, places, steps, strict=True):
+                    _add(b, rows, np.einsum("nij,nj->ni", values, step))
         b.assemble()
 
     def _add_forces(self, vector: PETSc.Vec, kind: str) -> None:
         """Subtract the nodal forces of contact from the momentum balance, of free rows or all."""
         target = (self._rows if kind == "free" else self._all_rows)[0]
         for i, k in enumerate(self._contacts):
-            c = k.nodal_area()[:, None] * k.multipliers()
-            forces = -np.einsum("nk,nkpd->npd", c, k.pairing.levers())
+            forces = -k.pairing.forces(k.nodal_area()[:, None] * k.multipliers())
             rows = self._kept(kind, i, partial(k.pairing.gather, target, missing=-1))
             _add(vector, rows[:, : forces.shape[1]], forces)
         vector.assemble()
 
-    def _kept(self, what: object, i: int, find: Callable[[], Indices]) -> Indices:
-        """Return rows of a contact's stencils, found again only when these have changed."""
+    def _kept(self, what: object, i: int, find: Callable[[], Any]) -> Any:
+        """Return rows of a contact's blocks, found again only when its stencils have changed."""
         version = self._contacts[i].pairing.version
         known = self._stencils.get((what, i))
         if known is None or known[0] != version:
@@ -170,17 +172,17 @@ class ContactTerms:
 
     # -- Jacobian --------------------------------------------------------------------------------
 
-    def columns(self, law: Law) -> list[Indices]:
-        """Return the rows of the dofs of each element: stencil, multipliers, further unknowns."""
+    def places(self, law: Law) -> list[Blocks[Places]]:
+        """Return the numbers of the rows and columns of the blocks of each contact."""
         return [
-            self._kept(law, i, partial(self._of_elements, i, law, self._rows, -1))
+            self._kept(law, i, partial(self._of_blocks, i, law, self._rows, -1))
             for i in range(len(self._contacts))
         ]
 
-    def _of_elements(
+    def _of_blocks(
         self, i: int, law: Law, values: Sequence[npt.NDArray], missing: float
-    ) -> npt.NDArray:
-        """Return the entries of arrays over the dofs of all unknowns, at a contact's elements.
+    ) -> Blocks[Places]:
+        """Return the entries of arrays over the dofs of all unknowns, at a contact's blocks.
 
         Args:
             i: The contact.
@@ -190,14 +192,17 @@ class ContactTerms:
         """
         k, own = self._contacts[i], len(self._unknowns) - len(self._contacts)
         n = k.surface.num_owned
-        stencil = k.pairing.gather(values[0], missing)
-        parts = [stencil.reshape(n, int(np.prod(stencil.shape[1:])))]
-        parts.append(k.pairing.side.nodal_entries(values[own + i]))
+        around = k.pairing.gather(values[0], missing)
+        stencil, loaded = (
+            a.reshape(n, int(np.prod(a.shape[1:]))) for a in (around, around[:, : k.pairing.loaded])
+        )
+        c, others = k.pairing.side.nodal_entries(values[own + i]), []
         for j in law.others[i]:
             V = self._others()[j].function_space
             entries = values[1 + j].reshape(-1, V.dofmap.index_map_bs)
-            parts.append(entries[k.surface.parent_dofs(V)[:n]])
-        return np.hstack(parts)
+            others.append(entries[k.surface.parent_dofs(V)[:n]])
+        turned = k.pairing.turned(values[0], missing)
+        return Blocks((c, np.hstack([stencil, c, *others])), (loaded, c), turned)
 
     def softness(self) -> list[Array]:
         """Return the scale of each node's rows over that of the certificate, of each contact.
@@ -208,28 +213,11 @@ class ContactTerms:
         ratios = [k.felt.x.array[:n] / k.scale.x.array[:n] for k, n in parts]
         return [a if k.r_p is None else np.ones(n) for a, (k, n) in zip(ratios, parts, strict=True)]
 
-    def matrices(self, law: Law) -> list[Array]:
-        """Return the matrices of the elements, rows and columns as in :meth:`columns`."""
+    def matrices(self, law: Law) -> list[Blocks[Array]]:
+        """Return the values of the blocks of each contact, as in :meth:`places`."""
         return [
-            _element_matrices(k, kernel)
-            for k, kernel in zip(self._contacts, law.kernels, strict=True)
+            derivatives_of(k, kernel) for k, kernel in zip(self._contacts, law.kernels, strict=True)
         ]
-
-
-def _element_matrices(k: Contact, kernel: NodalKernel) -> Array:
-    """Return the matrices of a contact's elements: (nodes, dofs, dofs)."""
-    k.pairing.update()
-    (slopes, weight_slopes), d = k.pairing.derivatives(), k.pairing.side.d
-    by_field, by_c, *by_others = kernel.derivatives()
-    levers, n, z = k.pairing.levers(), len(slopes), slopes.shape[2]
-    sizes = [z, d, *(a.shape[2] for a in by_others)]
-    matrix = np.zeros((n, sum(sizes), sum(sizes)))
-    forces = levers.shape[2] * d
-    matrix[:, :forces, :z] = -k.pairing.turning(slopes, weight_slopes).reshape(n, forces, z)
-    matrix[:, :forces, z : z + d] = -levers.reshape(n, d, forces).transpose(0, 2, 1)
-    law = np.concatenate([by_field @ slopes, by_c, *by_others], axis=2)
-    matrix[:, z : z + d] = law
-    return np.asarray(matrix * k.nodal_area()[:, None, None])
 
 
 def _add(vector: PETSc.Vec, rows: Indices, values: Array) -> None:

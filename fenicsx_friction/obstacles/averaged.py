@@ -27,11 +27,11 @@ class Averaged(Pairing):
         """Return the tractions in global axes: forces over areas."""
         self.update()
         c = self.side.nodal(self.side.c)
-        return np.asarray(np.einsum("nk,nkpd->nd", c, self.body_levers()))
+        return np.asarray(np.sum(self.body_forces(c), axis=1))
 
-    def body_levers(self) -> Array:
-        """Return the levers of the dofs of the body itself."""
-        return self.levers()
+    def body_forces(self, c: Array) -> Array:
+        """Return the forces of multipliers over the area on the body itself: (nodes, points, d)."""
+        return self.forces(c)
 
     def normals(self) -> Array:
         """Return the unit normals along the averages."""

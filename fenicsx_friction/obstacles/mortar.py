@@ -100,16 +100,19 @@ class Mortar(Averaged, TwoBodies):
         self.update()
         return self._element.levers() * self._cover()[:, None, None, None]
 
-    def body_levers(self) -> Array:
-        """Return the levers of the secondary surface."""
-        own = self._element.stencil < self._facing.num_secondary
-        return self.levers() * own[:, None, :, None]
+    def forces(self, c: Array) -> Array:
+        """Return the forces of multipliers over the area."""
+        self.update()
+        return self._element.forces(c * self._cover()[:, None])
 
-    def turning(self, slopes: Array, weight_slopes: Array | None) -> Array:
-        """Return how the stencil turns the forces over the area."""
-        turned = self._element.turning(self.side.nodal(self.side.c))
-        n, m, d = turned.shape[:3]
-        return turned.reshape(n, m, d, m * d) * self._cover()[:, None, None, None]
+    def body_forces(self, c: Array) -> Array:
+        """Return those on the secondary surface."""
+        own = self._element.stencil < self._facing.num_secondary
+        return self.forces(c) * own[:, :, None]
+
+    def turning(self, slopes: Array, weight_slopes: Array | None) -> list[Array]:
+        """Return how displacements turn the forces (N/m): by patches, and by what these see."""
+        return self._element.turning(self.side.nodal(self.side.c))
 
     def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
         """Return the entries at the stencils."""
@@ -117,6 +120,12 @@ class Mortar(Averaged, TwoBodies):
         around = np.concatenate(self._facing.rows(values))[stencil]
         around[stencil < 0] = missing
         return around
+
+    def turned(self, values: npt.NDArray, missing: float) -> list[tuple[npt.NDArray, npt.NDArray]]:
+        """Return the entries at the rows and columns of the blocks of :meth:`turning`."""
+        every, d = np.concatenate(self._facing.rows(values)), self.side.d
+        entries = lambda dofs: every[dofs].reshape(len(dofs), dofs.shape[1] * d)  # noqa: E731
+        return [(entries(rows), entries(columns)) for rows, columns in self._element.turned()]
 
     def _inputs(self) -> tuple[Array, ...]:
         """Return all of this rank that the kinematics depend on."""

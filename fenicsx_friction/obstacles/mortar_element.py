@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
 
 from .face_frames import carried_frames, unit_normals
 from .facing import Facing, Positions
 from .kinematics import slices
 from .mortar_groups import Groups
+from .mortar_turning import PointForces, Turning
 from .rays import cast, duals
 from .segments import Segments
 from .shares import Shares
@@ -46,6 +46,7 @@ class MortarElement:
     ) -> None:
         self._facing, self.points, self.shares = facing, points, shares
         self._groups = groups = Groups(facing, points, old[0], shares, own)
+        self._turning = Turning(facing, points, groups)
         self._corners, self._couples = groups.corners, groups.couples
         self._at, self._old_at = facing.secondary.shapes(points.xi), facing.primary.shapes(old[1])
         self._old_dofs = facing.primary.dofs[old[0]]
@@ -79,7 +80,7 @@ class MortarElement:
         corners = self._corners
         node, patch = corners.node, corners.key
         self.frames, by_normal = carried_frames(normals[patch], axis[node], hint[node])
-        self._turns = turns[patch]
+        self._turns = turns
         self._by_normal = by_normal
         normal = normals[points.patch]
         dofs = secondary.dofs[secondary.face_of(points.patch)]
@@ -110,7 +111,7 @@ class MortarElement:
         """Return the derivatives of the field: (nodes, entries, stencil, d)."""
         d, corners = self.frames.shape[1], self._corners
         gap, slip, normal, *first, position = (slice(*where) for where in slices(d))
-        across, turns = self._duals[:, -1], self._turns
+        across, turns = self._duals[:, -1], self._turns[corners.key]
         block = np.zeros((*turns.shape[:1], turns.shape[2], position.stop, d))  # by dof, entry, d
         by_x = corners @ (self._at[:, :, None] * across[:, None])
         lost = corners @ (self.gap[:, None] * across)
@@ -122,29 +123,34 @@ class MortarElement:
         for where, k in zip([normal, *first], range(d - 1), strict=True):
             block[:, :, where] = shares * turned[:, :, k]
         block[:, :, position] = self._shares_at[:, :, None, None] * np.eye(d)
-        result = np.zeros((*self.stencil.shape, position.stop, d))
-        self._groups.add(result, 0, block)
-        of_face = -(self._couples @ (self._shapes[:, :, None] * across[:, None]))
-        self._groups.add(result[:, :, gap.start], 1, of_face)
-        old = self._old_shares[:, :, None, None] * self.frames[self._groups.old_corner][:, None, 1:]
-        self._groups.add(result[:, :, slip], 2, -old)
+        groups = self._groups
+        result = groups.on_stencils(0, block)
+        of_face = self._couples @ (self._shapes[:, :, None] * across[:, None])
+        result[:, :, gap.start] -= groups.on_stencils(1, of_face)
+        old = self._old_shares[:, :, None, None] * self.frames[groups.old_corner][:, None, 1:]
+        result[:, :, slip] -= groups.on_stencils(2, old)
         return result.transpose(0, 2, 1, 3)
 
     def weights(self) -> Array:
         """Return the forces on the stencil of a unit force on each node, in one direction."""
-        result = np.zeros(self.stencil.shape)
-        self._groups.add(result, 0, self._shares_at)
-        self._groups.add(result, 1, -self._couple_shapes)
-        return result
+        return self._acting(np.ones((len(self._corners.node), 1)))[:, :, 0]
 
     def levers(self) -> Array:
         """Return the forces of unit multipliers over what is covered: (nodes, d, stencil, d)."""
-        d = self.frames.shape[1]
-        result = np.zeros((*self.stencil.shape, d, d))
-        self._groups.add(result, 0, self._shares_at[:, :, None, None] * self.frames[:, None])
-        frames = self.frames[self._groups.corner]
-        self._groups.add(result, 1, -self._couple_shapes[:, :, None, None] * frames[:, None])
-        return result.transpose(0, 2, 1, 3)
+        (n, m), d = self.stencil.shape, self.frames.shape[1]
+        levers = self._acting(self.frames.reshape(len(self.frames), d * d))
+        return levers.reshape(n, m, d, d).transpose(0, 2, 1, 3)
+
+    def forces(self, c: Array) -> Array:
+        """Return the forces of multipliers over what is covered: (nodes, stencil, d)."""
+        return self._acting(np.einsum("ck,ckd->cd", c[self._corners.node], self.frames))
+
+    def _acting(self, of_corner: Array) -> Array:
+        """Return what acts on the stencils, opposite on both bodies, from what the corners have."""
+        groups = self._groups
+        own = self._shares_at[:, :, None] * of_corner[:, None]
+        face = self._couple_shapes[:, :, None] * of_corner[groups.corner][:, None]
+        return np.asarray(groups.on_stencils(0, own) - groups.on_stencils(1, face))
 
     def point_forces(self, c: Array) -> Array:
         """Return the forces on the body at the points (N), of this rank's nodes."""
@@ -153,57 +159,19 @@ class MortarElement:
         of_corner *= self.shares.covered[node][:, None]
         return np.asarray(self._corners.matrix.T @ of_corner)
 
-    def turning(self, c: Array) -> Array:
-        """Return how the stencil turns the forces over what is covered: (nodes, m, d, m, d).
+    def turned(self) -> list[tuple[Indices, Indices]]:
+        """Return the dofs of the rows and columns of the blocks of :meth:`turning`."""
+        return self._turning.places
 
-        What the displacement of points on the primary surface does is put down to one node of each
-        pair of a patch and a face.
-        """
-        (n, m), d = self.stencil.shape, self.frames.shape[1]
-        result = np.zeros((n, m, m, d, d))
-        node = self._corners.node
-        by_normal = np.einsum("ck,ckij->cij", c[node], self._by_normal)
-        turned = np.einsum("cij,cjae->caie", by_normal, self._turns)
-        own, face = self._groups.places[0], self._groups.places[1]
-        blocks = self._shares_at[:, :, None, None, None] * turned[:, None]
-        np.add.at(result, (node[:, None, None], own[:, :, None], own[:, None]), blocks)
-        blocks = -self._couple_shapes[:, :, None, None, None] * turned[self._groups.corner][:, None]
-        at, beside = self._couples.node[:, None, None], own[self._groups.corner][:, None]
-        np.add.at(result, (at, face[:, :, None], beside), blocks)
-        forces = self.point_forces(c)
-        if np.any(forces):
-            self._add_moved(result, forces)
-        return result.transpose(0, 1, 3, 2, 4)
-
-    def _add_moved(self, result: Array, forces: Array) -> None:
-        """Add what follows from the places of the points on the primary surface, which change."""
-        points, d = self.points, forces.shape[1]
-        pairs, first = np.unique(self._couples.key, return_index=True)
-        faces = len(self._facing.primary.dofs)
-        of_point = np.searchsorted(pairs, points.patch * faces + points.face)
-        loaded = np.flatnonzero(np.any(forces != 0.0, axis=1))
-        entries = (np.ones(len(loaded)), (of_point[loaded], loaded))
-        add = scipy.sparse.csr_array(entries, shape=(len(pairs), len(forces)))
-        node = self._couples.node[first]
-        over = 1.0 / self.shares.covered[node][:, None]
+    def turning(self, c: Array) -> list[Array]:
+        """Return how displacements turn and move the forces (N/m), in blocks."""
+        corners, couples, turning = self._corners, self._groups.corner, self._turning
+        loads = c[corners.node] * self.shares.covered[corners.node][:, None]
+        by_normal = np.einsum("ck,ckij->cij", loads, self._by_normal)
+        turned = np.einsum("cij,cjae->ciae", by_normal, self._turns[corners.key])
+        own = self._shares_at[:, :, None, None, None] * turned[:, None]
+        face = -self._couple_shapes[:, :, None, None, None] * turned[couples][:, None]
         moved = np.einsum("pkb,pke->pbe", self._slopes, self._duals[:, :-1])
-        by_way = (forces[:, None, :, None] * moved[:, :, None]).reshape(len(forces), -1)
-        k = moved.shape[1]
-
-        def block(weights: Array) -> Array:
-            """Return the sums of a weight of the points: (pairs, face dofs, d, d)."""
-            return ((add @ (weights[:, None] * by_way)) * over).reshape(-1, k, d, d)
-
-        own, face = (
-            self._groups.places[0][self._groups.corner[first]],
-            self._groups.places[1][first],
-        )
-        for a in range(own.shape[1]):
-            np.add.at(result, (node[:, None], face, own[:, a, None]), -block(self._at[:, a]))
-        for b in range(k):
-            np.add.at(result, (node[:, None], face, face[:, b, None]), block(self._shapes[:, b]))
-        across = block(self.gap)
-        turns = self._turns[self._groups.corner[first]]
-        turned = np.einsum("qbij,qjae->qabie", across, turns)
-        for a in range(own.shape[1]):
-            np.add.at(result, (node[:, None], face, own[:, a, None]), turned[:, a])
+        points = PointForces(self.point_forces(c), self._at, self._shapes, moved, self.gap)
+        turns = self._turns[turning.patch_of_pair]
+        return [turning.of_patches(own), turning.of_pairs(face, points, turns)]

@@ -122,6 +122,18 @@ class Groups:
         entries = (np.ones(number), (self.corners.node, np.arange(number)))
         return scipy.sparse.csr_array(entries, shape=(self._num_nodes, number))
 
-    def add(self, result: Array, group: int, blocks: Array) -> None:
-        """Add blocks of groups (0 corners, 1 couples, 2 old ones) to rows of the stencils."""
-        np.add.at(result, (self._nodes[group][:, None], self.places[group]), blocks)
+    def on_stencils(self, group: int, blocks: Array) -> Array:
+        """Add blocks of groups (0 corners, 1 couples, 2 old ones) up: (nodes, stencil, ...)."""
+        shape = blocks.shape[2:]
+        flat = blocks.reshape(blocks.shape[0] * blocks.shape[1], math.prod(shape))
+        return np.asarray((self._to_stencil[group] @ flat).reshape(*self.stencil.shape, *shape))
+
+    @cached_property
+    def _to_stencil(self) -> list[scipy.sparse.csr_array]:
+        """Adds rows of the dofs of groups to rows of the stencils, once these have their width."""
+        (n, m), found = self.stencil.shape, []
+        for node, places in zip(self._nodes, self.places, strict=True):
+            rows = (node[:, None] * m + places).ravel()
+            entries = (np.ones(len(rows)), (rows, np.arange(len(rows))))
+            found.append(scipy.sparse.csr_array(entries, shape=(n * m, len(rows))))
+        return found

@@ -36,6 +36,7 @@ class NodeToFace(TwoBodies):
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
         super().__init__(primary, policy, side)
         self._warn_of_coarse_nodes()
+        self.loaded = 1 + self.faces.cell.nodes
         n = side.surface.num_owned
         self._kernel = PairKernel(side.surface.mesh.comm, self.faces.cell, side.d, n)
         self._primary_dofs = self.partners(side.u.function_space)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from ..surfaces.faces import surface_normals
 from .kinematics import Array, Kinematics, frame_slopes, frames, kinematic_field, slices
 from .motion import RigidMotion
 from .side import Side
+from .view import View
 
 Mask = npt.NDArray[np.bool_]
 
@@ -33,22 +33,6 @@ class Obstacle(ABC):
         """Return the pairing: what each node of a side meets of the obstacle; collective."""
 
 
-@dataclass(frozen=True)
-class View:
-    """How an obstacle looks at a surface, one entry an owned node.
-
-    Attributes:
-        cosine: Of the obstacle's normal and the surface's averaged outward normal, -1 where they
-            oppose each other.
-        gap: Distance in front of the obstacle (m); infinite beyond the edge of a surface.
-        lost: Depth (m) of a node behind a face that it should meet but is too deep to meet; else 0.
-    """
-
-    cosine: Array
-    gap: Array
-    lost: Array
-
-
 class Pairing(ABC):
     """What each owned node of a side meets: its kinematics, and the points its force acts on.
 
@@ -65,11 +49,13 @@ class Pairing(ABC):
         kinematics: The same in UFL.
         deformable: Whether the other side is deformable.
         tilted: Whether normals are those of faces or averages, a bit off the obstacle's own.
+        loaded: On how many points of its stencil a node's force acts; by default on all.
         version: Changes with the stencils.
         lost: Owned nodes whose gap is not known at the present displacement, if any.
     """
 
     deformable = tilted = False
+    loaded: int | None = None
     version = 0
     lost: Mask | None = None
 
@@ -101,18 +87,31 @@ class Pairing(ABC):
         """
         return np.asarray(self.weights()[:, None, :, None] * self.frames()[:, :, None])
 
-    def turning(self, slopes: Array, weight_slopes: Array | None) -> Array:
-        """Return how the stencil turns the forces over the area: (nodes, points, d, z); collective.
+    def forces(self, c: Array) -> Array:
+        """Return the forces of multipliers over the area: (nodes, points, d); collective."""
+        return np.asarray(np.einsum("nk,nkpd->npd", c, self.levers()))
 
-        The multipliers are those of now. ``z`` are the stencil's positions, flattened. The
-        arguments are those of :meth:`derivatives`.
+    def turning(self, slopes: Array, weight_slopes: Array | None) -> list[Array]:
+        """Return how displacements turn the forces (N/m): (blocks, rows, columns); collective.
+
+        The multipliers are those of now. The arguments are those of :meth:`derivatives`. One block
+        a node, unless :meth:`turned` says otherwise.
         """
         d, c = self.side.d, self.side.nodal(self.side.c)
         turned = np.einsum("nk,nkdz->ndz", c, frame_slopes(self.values(), slopes, d))
         result = self.weights()[:, :, None, None] * turned[:, None]
         if weight_slopes is not None:
             result += self.traction()[:, None, :, None] * weight_slopes[:, :, None]
-        return np.asarray(result)
+        result *= self.area()[:, None, None, None]
+        n, points, d, z = result.shape
+        return [result.reshape(n, points * d, z)]
+
+    def turned(self, values: npt.NDArray, missing: float) -> list[tuple[npt.NDArray, npt.NDArray]]:
+        """Return entries as :meth:`gather` does, at the rows and columns of these blocks."""
+        around = self.gather(values, missing)
+        n, points, d = around.shape
+        columns = around.reshape(n, points * d)
+        return [(columns[:, : (self.loaded or points) * d], columns)]
 
     def acting(self) -> tuple[Array, Array]:
         """Return points (m) and the forces on the body there (N), one row each; collective."""

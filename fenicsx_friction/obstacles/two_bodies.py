@@ -19,9 +19,10 @@ from ..surfaces.surface import ContactSurface
 from .crossing import DEPTH, Motion, find_crossed
 from .face_frames import along_planes
 from .kinematics import Array
-from .obstacle import Mask, Pairing, View
+from .obstacle import Mask, Pairing
 from .search import TIE, SearchPolicy, find_pairs, nearest_faces
 from .side import Side
+from .view import View
 
 #: An offset is known along the node's own normal: part of it by which it is in doubt.
 TILTED = 0.1

@@ -99,16 +99,17 @@ class WeightedPairing(Averaged, RigidPairing):
         n, m, _ = levers.shape
         return levers.reshape(n, m, d, d).transpose(0, 2, 1, 3)
 
-    def turning(self, slopes: Array, weight_slopes: Array | None) -> Array:
-        """Return how the stencil turns the forces over the area: not at all at a plane."""
+    def turning(self, slopes: Array, weight_slopes: Array | None) -> list[Array]:
+        """Return how displacements turn the forces (N/m): not at all at a plane."""
         values, at_points = self._kernel.values(), self._kernel.derivatives()[0]
         d, (n, m) = self.side.d, self.points.stencil.shape
         c = self.side.nodal(self.side.c)[self.points.node_of_point]
         turned = np.einsum("nk,nkdz->ndz", c, frame_slopes(values, at_points, d))
         if not np.any(turned):
-            return np.zeros((n, m, d, m * d))
+            return [np.zeros((n, m * d, m * d))]
         spread = self.points.spread_twice(turned.reshape(-1, d * d)).reshape(n, m, m, d, d)
-        return spread.transpose(0, 1, 3, 2, 4).reshape(n, m, d, m * d)
+        blocks = spread.transpose(0, 1, 3, 2, 4).reshape(n, m * d, m * d)
+        return [blocks * self.area()[:, None, None]]
 
     def gather(self, values: npt.NDArray, missing: float = 0.0) -> npt.NDArray:
         """Return the entries at the stencils."""

@@ -15,11 +15,12 @@ from dolfinx import fem
 from ..base.collective import gather_rows
 from ..base.keeping import ErrorKeeper
 from ..contact.contact import Contact
+from ..equations.blocks import Blocks, Places
 from ..equations.contact_terms import ContactTerms, Law
 from ..equations.numbering import num_owned, spread
 from .boundary_matrix import BoundaryMatrix
 from .condensed_bulk import CondensedBulk
-from .eliminated import Elements
+from .eliminated import Block, Elements
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -153,13 +154,17 @@ class BoundaryEquations:
         with self.errors():
             self.follow(x)
             assert self.law is not None
-            columns, matrices = self.terms.columns(self.law), self.terms.matrices(self.law)
+            places, blocks = self.terms.places(self.law), self.terms.matrices(self.law)
             parts = [
-                Elements(self._place[self._all(k, c)], self._all(k, m), k.pairing.side.d)
-                for k, c, m in zip(self._contacts, columns, matrices, strict=True)
+                self._nodes_of_all(*part) for part in zip(self._nodes, places, blocks, strict=True)
+            ]
+            turning = [
+                self._of_all(place, values)
+                for p, b in zip(places, blocks, strict=True)
+                for place, values in zip(p.turning, b.turning, strict=True)
             ]
             self._matrix = None  # two would take twice the memory
-            self._matrix = BoundaryMatrix(self.bulk.schur, parts, len(self._place) - 1)
+            self._matrix = BoundaryMatrix(self.bulk.schur, parts, turning, len(self._place) - 1)
 
     def mult(self, J: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Multiply by the matrix."""
@@ -181,6 +186,18 @@ class BoundaryEquations:
         first = int(np.sum(self._counts[: self.comm.rank]))
         found.array[:] = work(values)[order][first : first + self.size]
 
-    def _all(self, k: Contact, rows: npt.NDArray) -> npt.NDArray:
-        """Return what all ranks have of the elements of a contact."""
-        return gather_rows(self.comm, rows, self._nodes[self._contacts.index(k)])
+    def _nodes_of_all(self, counts: Indices, at: Blocks[Places], blocks: Blocks[Array]) -> Elements:
+        """Return the nodes of a contact of all ranks."""
+        (c, columns), d = at.laws, at.laws[0].shape[1]
+        c, columns, laws, forces = (
+            gather_rows(self.comm, rows, counts)
+            for rows in (c, columns, blocks.laws, blocks.levers)
+        )
+        q, by_q, by_c = columns[:, :-d], laws[:, :, :-d], laws[:, :, -d:]
+        return Elements(self._place[q], self._place[c], by_q, by_c, forces)
+
+    def _of_all(self, places: Places, values: Array) -> Block:
+        """Return blocks of all ranks, as many as there are on each."""
+        counts = np.array(self.comm.allgather(len(values)))
+        rows, columns, values = (gather_rows(self.comm, part, counts) for part in (*places, values))
+        return self._place[rows], self._place[columns], values

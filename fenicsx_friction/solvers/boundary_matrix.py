@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack, lstsq
 
-from .eliminated import Elements, EliminatedMultipliers, KnownDirections
+from .eliminated import Block, Elements, EliminatedMultipliers, KnownDirections
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -30,36 +30,51 @@ class BoundaryMatrix:
 
     Args:
         schur: Stiffness of the bulk (N/m).
-        parts: The elements of all contacts.
+        parts: The nodes of all contacts.
+        turning: How displacements turn the forces of contact: further stiffness.
         size: Number of unknowns.
     """
 
-    def __init__(self, schur: Array, parts: Sequence[Elements], size: int) -> None:
+    def __init__(
+        self, schur: Array, parts: Sequence[Elements], turning: Sequence[Block], size: int
+    ) -> None:
         self._schur, self._parts, self._n, self._size = schur, parts, len(schur), size
-        columns = np.concatenate([part.split()[0].ravel() for part in parts])
+        self._turning = turning
+        columns = np.concatenate([part.q.ravel() for part in parts])
         counts = np.bincount(columns[columns >= 0], minlength=self._n)
         self._regular = [part.regular(counts) for part in parts]
         self._factor()
 
     def __matmul__(self, x: Array) -> Array:
         """Multiply."""
-        result = np.zeros(self._size)
+        return self._products(x, [block for part in self._parts for block in part.blocks()])
+
+    def _products(self, x: Array, blocks: Sequence[Block]) -> Array:
+        """Multiply stiffness and other blocks; displacements come first."""
+        result = np.zeros(len(x))
         result[: self._n] = self._schur @ x[: self._n]
-        for part in self._parts:
-            _add_products(result, part.columns, part.matrices, x)
+        for rows, columns, values in (*self._turning, *blocks):
+            products = np.einsum("nij,nj->ni", values, np.where(columns >= 0, x[columns], 0.0))
+            there = rows >= 0
+            np.add.at(result, rows[there], products[there])
         return result
 
     def _factor(self) -> None:
         """Eliminate multipliers and known displacements, and factor what remains."""
         kept = np.ones(self._size, dtype=bool)
         for part, regular in zip(self._parts, self._regular, strict=True):
-            kept[part.split()[1][regular]] = False
+            kept[part.c[regular]] = False
         self._kept = np.flatnonzero(kept)
         self._place = np.full(self._size + 1, -1)  # the last one for -1
         self._place[self._kept] = np.arange(len(self._kept))
         self._steps = [
             EliminatedMultipliers(part, regular, self._place)
             for part, regular in zip(self._parts, self._regular, strict=True)
+        ]
+        self._special = [
+            (self._place[rows], self._place[columns], values)
+            for part, regular in zip(self._parts, self._regular, strict=True)
+            for rows, columns, values in part.take(~regular).blocks()
         ]
         self._known = KnownDirections(self._steps, len(self._kept))
         matrix = self._remaining()
@@ -88,10 +103,8 @@ class BoundaryMatrix:
         """Return these rows of the matrix of all that is kept."""
         balance = np.zeros((len(self._kept),) * 2)
         balance[: self._n, : self._n] = self._schur
-        for part, regular, step in zip(self._parts, self._regular, self._steps, strict=True):
-            special = self._place[part.columns[~regular]]
-            _scatter(balance, special, special, part.matrices[~regular])
-            _scatter(balance, step.q, step.q, step.by_q)
+        for block in (*self._turning, *self._special):
+            _scatter(balance, *block)
         matrix = balance[wanted]
         at = np.full(len(balance), -1)
         at[wanted] = np.arange(len(wanted))
@@ -132,13 +145,7 @@ class BoundaryMatrix:
 
     def _forces(self, x: Array) -> Array:
         """Return the forces of the bulk, and of the elements but for their multipliers."""
-        result = np.zeros(len(self._kept))
-        result[: self._n] = self._schur @ x[: self._n]
-        for part, regular, step in zip(self._parts, self._regular, self._steps, strict=True):
-            special = self._place[part.columns[~regular]]
-            _add_products(result, special, part.matrices[~regular], x)
-            _add_products(result, step.q, step.by_q, x)
-        return result
+        return self._products(x, self._special)
 
     def _rows(self, forces: Array, laws: Sequence[Array]) -> Array:
         """Return rows without multipliers: of forces, and of the laws at their own dofs."""
@@ -148,13 +155,6 @@ class BoundaryMatrix:
                 rows -= step.reactions(len(rows)) @ own.ravel()
             rows[step.own] = law - np.einsum("nij,nj->ni", step.slopes, own)
         return rows
-
-
-def _add_products(result: Array, columns: Indices, matrices: Array, x: Array) -> None:
-    """Add products of elements and a vector; entries -1 are left out."""
-    there = columns >= 0
-    values = np.einsum("nij,nj->ni", matrices, np.where(there, x[columns], 0.0))
-    np.add.at(result, columns[there], values[there])
 
 
 def _scatter(matrix: Array, rows: Indices, columns: Indices, blocks: Array) -> None:

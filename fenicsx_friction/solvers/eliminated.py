@@ -13,6 +13,9 @@ from scipy.sparse import csr_array
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
 
+#: Rows, columns and values of blocks; entries at -1 are left out.
+Block = tuple[Indices, Indices, Array]
+
 #: The forces of a node's multipliers are regular if their determinant is more than this.
 SOLVABLE = 1e-6
 #: The rows that a node's displacement solves alone are regular if their pivots are more than this.
@@ -21,22 +24,37 @@ REGULAR = 1e-8
 
 @dataclass(frozen=True)
 class Elements:
-    """The elements of a contact, of all ranks.
+    """The nodes of a contact, of all ranks, with their stencils.
 
     Attributes:
-        columns: Numbers of their unknowns: ``q`` first, those of the node itself ahead, then ``c``;
-            -1 for those that are prescribed or absent.
-        matrices: Derivatives of nodal forces and rows, as numbered.
-        d: Multipliers of a node.
+        q: Numbers of displacements, those of the node itself ahead; -1 for those that are
+            prescribed or absent.
+        c: Numbers of the multipliers.
+        by_q: Derivatives of the rows of the law by the displacements.
+        by_c: By the multipliers.
+        forces: Derivatives of the balance of forces by the multipliers, at the first of ``q``.
     """
 
-    columns: Indices
-    matrices: Array
-    d: int
+    q: Indices
+    c: Indices
+    by_q: Array
+    by_c: Array
+    forces: Array
 
-    def split(self) -> tuple[Indices, Indices]:
-        """Return the numbers of displacements and of multipliers."""
-        return self.columns[:, : -self.d], self.columns[:, -self.d :]
+    @property
+    def loaded(self) -> Indices:
+        """Numbers of the displacements on which the forces act."""
+        return self.q[:, : self.forces.shape[1]]
+
+    def take(self, nodes: npt.NDArray) -> Elements:
+        """Return some nodes."""
+        parts = (self.q, self.c, self.by_q, self.by_c, self.forces)
+        return Elements(*(part[nodes] for part in parts))
+
+    def blocks(self) -> list[Block]:
+        """Return all blocks."""
+        by_q, by_c = (self.c, self.q, self.by_q), (self.c, self.c, self.by_c)
+        return [by_q, by_c, (self.loaded, self.c, self.forces)]
 
     def regular(self, counts: Indices) -> npt.NDArray[np.bool_]:
         """Tell which nodes are free, only in this element, and loaded by all their multipliers.
@@ -44,12 +62,11 @@ class Elements:
         Args:
             counts: In how many elements each displacement is.
         """
-        d = self.d
-        own, c = self.split()[0][:, :d], self.split()[1]
-        forces = self.matrices[:, :d, -d:]
+        d = self.c.shape[1]
+        own, forces = self.q[:, :d], self.forces[:, :d]
         size = np.max(abs(forces), axis=(1, 2), initial=0.0)
         solvable = abs(np.linalg.det(forces)) > SOLVABLE * size**d
-        free = solvable & np.all(own >= 0, axis=1) & np.all(c >= 0, axis=1)
+        free = solvable & np.all(own >= 0, axis=1) & np.all(self.c >= 0, axis=1)
         return np.asarray(free & np.all(counts[np.where(own >= 0, own, 0)] == 1, axis=1))
 
 
@@ -57,20 +74,19 @@ class EliminatedMultipliers:
     """The multipliers of a contact's regular nodes, eliminated by the forces on their own dofs.
 
     Args:
-        part: The elements of the contact.
+        part: The nodes of the contact.
         regular: Which nodes are regular.
         place: Where the unknowns are among those that are kept.
     """
 
     def __init__(self, part: Elements, regular: npt.NDArray[np.bool_], place: Indices) -> None:
-        d, columns, matrices = part.d, part.columns[regular], part.matrices[regular]
-        self.q, self.c = place[columns[:, :-d]], columns[:, -d:]
-        self.own, self.others = self.q[:, :d], self.q[:, d:]
-        self.inverse = np.linalg.inv(matrices[:, :d, -d:])
-        self.by_q = matrices[:, :-d, :-d]
-        self.slopes_of_q = matrices[:, -d:, :-d]
-        self.slopes = matrices[:, -d:, -d:] @ self.inverse
-        self._forces = matrices[:, d:-d, -d:] @ self.inverse
+        part, d = part.take(regular), part.c.shape[1]
+        self.q, self.c = place[part.q], part.c
+        self.own, self.others = self.q[:, :d], place[part.loaded[:, d:]]
+        self.inverse = np.linalg.inv(part.forces[:, :d])
+        self.slopes_of_q = part.by_q
+        self.slopes = part.by_c @ self.inverse
+        self._forces = part.forces[:, d:] @ self.inverse
 
     def times(self, balance: Array, there: npt.NDArray[np.bool_]) -> Array:
         """Return what the multipliers do in rows of the law.

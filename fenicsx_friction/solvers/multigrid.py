@@ -18,12 +18,12 @@ from dolfinx import fem
 
 from ..base.collective import any_rank
 from ..base.keeping import ErrorKeeper
+from ..equations.blocks import Coupling
 from .options import inside, refused, set_up
 from .rigid_modes import rigid_modes
 from .saddle import SaddleBlocks
 
 Array = npt.NDArray[np.floating]
-Indices = npt.NDArray[np.int64]
 
 #: Of the V-cycle on the displacements. SOR is what matters: slipping nodes are stiff across the
 #: direction of slip, not along the axes, and a pointwise smoother does not see that.
@@ -54,7 +54,7 @@ class Multigrid:
     Args:
         u: The displacement.
         multipliers: Those of all contacts.
-        elements: Returns rows and matrices of the elements of each contact, now.
+        couplings: Returns places, values and softness of the blocks of each contact, now.
         prefix: Of the options of the V-cycle.
         options: Of the whole solver; those that begin with :data:`CYCLE` count.
         errors: Keeps what the callbacks raise.
@@ -68,12 +68,12 @@ class Multigrid:
         self,
         u: fem.Function,
         multipliers: Sequence[fem.Function],
-        elements: Callable[[], list[tuple[Indices, Array, Array]]],
+        couplings: Callable[[], list[Coupling]],
         prefix: str,
         options: Mapping[str, object],
         errors: ErrorKeeper,
     ) -> None:
-        self._V, self._elements, self._errors = u.function_space, elements, errors
+        self._V, self._couplings, self._errors = u.function_space, couplings, errors
         given = {k.removeprefix(CYCLE): v for k, v in options.items() if k.startswith(CYCLE)}
         self._prefix, self._options = f"{prefix}{CYCLE}", {**CYCLE_OPTIONS, **given}
         self._blocks = SaddleBlocks(u, multipliers)
@@ -102,12 +102,12 @@ class Multigrid:
         """Eliminate the multipliers; set up the V-cycle for what remains."""
         with self._errors():
             pc.setFailedReason(PETSc.PC.FailedReason.NOERROR)  # PETSc keeps the last one
-            elements = self._elements()
-            finite = all(np.isfinite(matrices).all() for _, matrices, _ in elements)
+            couplings = self._couplings()
+            finite = all(np.isfinite(a).all() for _, blocks, _ in couplings for a in blocks)
             if any_rank(self._V.mesh.comm, not finite):
                 pc.setFailedReason(NOT_FINITE)
                 return
-            self._blocks.update(elements)
+            self._blocks.update(couplings)
             self._assemble(pc.getOperators()[1])
             cycle = self._cycle or self._new_cycle()
             self.fresh = self._cycle is None or self._worn

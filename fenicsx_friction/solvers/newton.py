@@ -114,7 +114,7 @@ class Newton:
         displacement, *multipliers = self.unknowns
         assert self._callbacks is not None
         settings = (self._prefix, self.options, self.errors)
-        self.multigrid = Multigrid(displacement, multipliers, self._callbacks.elements, *settings)
+        self.multigrid = Multigrid(displacement, multipliers, self._callbacks.couplings, *settings)
         pc.setType(PETSc.PC.Type.PYTHON)
         pc.setPythonContext(self.multigrid)
 

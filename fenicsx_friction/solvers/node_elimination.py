@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..equations.blocks import Blocks, Places
+
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
 
@@ -46,23 +48,27 @@ class NodeBlocks:
     springs: Array
 
 
-def node_blocks(columns: Indices, matrices: Array, softness: Array, d: int) -> NodeBlocks:
-    """Eliminate the multipliers of the elements of a contact.
+def node_blocks(
+    places: Blocks[Places], blocks: Blocks[Array], softness: Array, d: int
+) -> NodeBlocks:
+    """Eliminate the multipliers of a contact; its laws contain no further unknowns.
 
     Args:
-        columns: Rows of the unknowns of each element: displacements, those of the node itself
-            first, then multipliers; -1 for those that are left out.
-        matrices: The elements: (nodes, unknowns, unknowns).
+        places: Numbers of the unknowns, the node's own displacements first; -1 for those that are
+            left out.
+        blocks: The blocks there.
         softness: ``r_p`` of each node relative to its stiffness over area, where this is less: the
             springs are to be stiffer than the body nevertheless.
         d: Multipliers of a node.
     """
-    q, c = columns[:, :-d], columns[:, -d:]
+    c, columns = places.laws
+    q, loaded = columns[:, :-d], places.levers[0].shape[1]
     there = q >= 0
-    forces = np.where(there[:, :, None], matrices[:, :-d, -d:], 0.0)
-    slopes = np.where(there[:, None, :], matrices[:, -d:, :-d], 0.0)
+    forces = np.zeros((*q.shape, d))  # none on the rest of the stencil
+    forces[:, :loaded] = np.where(there[:, :loaded, None], blocks.levers, 0.0)
+    slopes = np.where(there[:, None, :], blocks.laws[:, :, :-d], 0.0)
     share = (ALONE if q.shape[1] == d else COUPLED) * softness[:, None]
-    parts = (matrices[:, -d:, -d:], matrices[:, -d:, :d], matrices[:, :d, -d:])
+    parts = (blocks.laws[:, :, -d:], blocks.laws[:, :, :d], blocks.levers[:, :d])
     regular = _regular(*parts, share)
     try:
         inverse = np.linalg.inv(regular)

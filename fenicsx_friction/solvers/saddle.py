@@ -11,13 +11,12 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from ..equations.blocks import Coupling, Places, coordinates
 from ..equations.numbering import num_owned
 from .node_elimination import NodeBlocks, node_blocks
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
-#: Rows and columns of elements in a matrix.
-Places = Sequence[tuple[Indices, Indices]]
 
 
 class SaddleBlocks:
@@ -46,14 +45,14 @@ class SaddleBlocks:
         self.forces: PETSc.Mat | None = None
         self._parts: list[NodeBlocks] = []
 
-    def update(self, elements: Sequence[tuple[Indices, Array, Array]]) -> None:
+    def update(self, couplings: Sequence[Coupling]) -> None:
         """Eliminate the multipliers node by node.
 
         Args:
-            elements: Rows, matrices and softness of the elements of each contact. The rows are
+            couplings: Places, values and softness of the blocks of each contact. The places are
                 those of the first call until :meth:`destroy`.
         """
-        self._parts = [node_blocks(*element, self._d) for element in elements]
+        self._parts = [node_blocks(*coupling, self._d) for coupling in couplings]
         if self.forces is None:
             self._allocate()
         for name in ("forces", "slopes", "springs"):
@@ -98,14 +97,10 @@ class SaddleBlocks:
         rank = np.searchsorted(self._starts, np.maximum(rows, 0), side="right") - 1
         return np.where(rows < 0, -1, rows + (starts[:-1] - self._starts[:-1] - before)[rank])
 
-    def _sparse(self, size: tuple[tuple[int, None], ...], places: Places) -> PETSc.Mat:
+    def _sparse(self, size: tuple[tuple[int, None], ...], places: Sequence[Places]) -> PETSc.Mat:
         """Return a matrix with elements at these places."""
         matrix = PETSc.Mat().create(self._comm)
         matrix.setSizes(size)
         matrix.setType(PETSc.Mat.Type.AIJ)
-        i = np.concatenate([np.repeat(r, c.shape[1], axis=1).ravel() for r, c in places])
-        j = np.concatenate([np.tile(c, (1, r.shape[1])).ravel() for r, c in places])
-        out = (i < 0) | (j < 0)
-        i, j = (np.where(out, -1, k).astype(PETSc.IntType) for k in (i, j))
-        matrix.setPreallocationCOO(i, j)
+        matrix.setPreallocationCOO(*coordinates(places))
         return matrix

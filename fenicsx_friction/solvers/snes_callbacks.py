@@ -11,7 +11,8 @@ from dolfinx.fem.petsc import assign
 
 from ..base.collective import any_rank
 from ..base.keeping import ErrorKeeper
-from ..equations.contact_terms import ContactTerms, Indices, Law
+from ..equations.blocks import Coupling, coordinates
+from ..equations.contact_terms import ContactTerms, Law
 from ..equations.dependencies import Dependencies
 from ..obstacles.kinematics import Array
 
@@ -92,11 +93,8 @@ class Callbacks:
         self._elements = PETSc.Mat().create(self._forms.comm)
         self._elements.setSizes(((size[0], None), (size[1], None)))
         self._elements.setType(PETSc.Mat.Type.AIJ)
-        columns = self._terms.columns(law)
-        rows = np.concatenate([np.repeat(c, c.shape[1], axis=1).ravel() for c in columns])
-        cols = np.concatenate([np.tile(c, (1, c.shape[1])).ravel() for c in columns])
-        left_out = (rows < 0) | (cols < 0)
-        rows, cols = (np.where(left_out, -1, i).astype(PETSc.IntType) for i in (rows, cols))
+        places = [place for blocks in self._terms.places(law) for place in blocks]
+        rows, cols = coordinates(places)
         self._elements.setPreallocationCOO(rows, cols)
         self._elements.setValuesCOO(np.zeros(len(rows)), addv=PETSc.InsertMode.INSERT_VALUES)
         self._total = self._forms.duplicate(copy=False)
@@ -104,11 +102,11 @@ class Callbacks:
         self._pattern = pattern
         return True
 
-    def elements(self) -> list[tuple[Indices, Array, Array]]:
-        """Return rows, matrices and softness of the elements of each contact, as they are now."""
+    def couplings(self) -> list[Coupling]:
+        """Return places, values and softness of the blocks of each contact, as they are now."""
         assert self.law is not None
         law, terms = self.law, self._terms
-        parts = (terms.columns(law), terms.matrices(law), terms.softness())
+        parts = (terms.places(law), terms.matrices(law), terms.softness())
         return list(zip(*parts, strict=True))
 
     def evaluate(self, x: PETSc.Vec, b: PETSc.Vec, law: Law) -> None:
@@ -132,7 +130,8 @@ class Callbacks:
             self._follow(x)
             self._assemble_forms(x)
             assert self.law is not None and self._elements is not None
-            values = np.concatenate([m.ravel() for m in self._terms.matrices(self.law)])
+            matrices = self._terms.matrices(self.law)
+            values = np.concatenate([m.ravel() for blocks in matrices for m in blocks])
             self._elements.setValuesCOO(values, addv=PETSc.InsertMode.INSERT_VALUES)
             J.zeroEntries()
             for part in (self._forms, self._elements):

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: MIT
+"""The derivatives of a contact's equations: small dense blocks, and where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from ..contact.contact import Contact
+from ..surfaces.nodal_kernel import NodalKernel
+
+Array = npt.NDArray[np.floating]
+Part = TypeVar("Part")
+#: Entries at the rows and at the columns of blocks, one row a block.
+Places = tuple[npt.NDArray, npt.NDArray]
+
+
+@dataclass(frozen=True)
+class Blocks(Generic[Part]):
+    """Something that each kind of blocks of a contact has: their values, or their places.
+
+    Attributes:
+        laws: Rows of the laws by the stencil, the multipliers and further unknowns; one a node.
+        levers: Balance of forces at the stencil by the multipliers; one a node.
+        turning: Balance of forces by displacements, as forces turn and move with the surfaces.
+    """
+
+    laws: Part
+    levers: Part
+    turning: list[Part]
+
+    def __iter__(self) -> Iterator[Part]:
+        """Go through all kinds."""
+        yield from (self.laws, self.levers, *self.turning)
+
+
+#: Places and values of the blocks of a contact, and the softness of its nodes.
+Coupling = tuple[Blocks[Places], Blocks[Array], Array]
+
+
+def derivatives_of(k: Contact, kernel: NodalKernel) -> Blocks[Array]:
+    """Return the blocks of a contact: (blocks, rows, columns); collective."""
+    k.pairing.update()
+    slopes, weight_slopes = k.pairing.derivatives()
+    by_field, by_c, *by_others = kernel.derivatives()
+    n, d, area = len(slopes), k.pairing.side.d, k.nodal_area()[:, None, None]
+    levers = k.pairing.levers()
+    return Blocks(
+        np.concatenate([by_field @ slopes, by_c, *by_others], axis=2) * area,
+        -levers.reshape(n, d, levers.shape[2] * d).transpose(0, 2, 1) * area,
+        [-turned for turned in k.pairing.turning(slopes, weight_slopes)],
+    )
+
+
+def coordinates(places: Sequence[Places]) -> tuple[npt.NDArray, npt.NDArray]:
+    """Return row and column of each entry of all blocks, both -1 for those that are left out."""
+    i = np.concatenate([np.repeat(r, c.shape[1], axis=1).ravel() for r, c in places])
+    j = np.concatenate([np.tile(c, (1, r.shape[1])).ravel() for r, c in places])
+    out = (i < 0) | (j < 0)
+    i, j = (np.where(out, -1, k).astype(PETSc.IntType) for k in (i, j))
+    return i, j
