@@ -65,7 +65,7 @@ def _triangles(first: Array, second: Array) -> tuple[Indices, Array]:
     pair, i = np.nonzero(np.arange(polygon.shape[1]) < number[:, None])
     j = np.where(i + 1 < number[pair], i + 1, 0)
     a, b, start = polygon[pair, i], polygon[pair, j], polygon[:, 0]
-    twice = _cross(a - start[pair], b - start[pair])
+    twice = cross(a - start[pair], b - start[pair])
     area = np.bincount(pair, twice, minlength=len(first))
     middle = (a + b - 2.0 * start[pair]) / 3.0 * twice[:, None]
     shift = np.stack([np.bincount(pair, m, minlength=len(first)) for m in middle.T], axis=1)
@@ -104,7 +104,7 @@ def _cut(polygon: Array, number: Indices, a: Array, edge: Array) -> tuple[Array,
     there = place < number[:, None]
     following = np.where(place + 1 < number[:, None], place + 1, 0)
     ahead = np.take_along_axis(polygon, following[:, :, None], axis=1)
-    left = _cross(edge[:, None], polygon - a[:, None])
+    left = cross(edge[:, None], polygon - a[:, None])
     left_ahead = np.take_along_axis(left, following, axis=1)
     inside, inside_ahead = left >= 0.0, left_ahead >= 0.0
     crosses = there & (inside != inside_ahead)
@@ -123,6 +123,6 @@ def _turned(polygons: Array) -> Array:
     return np.where(clockwise[:, None, None], polygons[:, ::-1], polygons)
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """Return the third component of the product of vectors in the plane."""
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

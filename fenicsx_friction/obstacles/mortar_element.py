@@ -89,7 +89,8 @@ class MortarElement:
         self.failed = ~np.isfinite(gap)
         eta[self.failed] = points.eta[self.failed]
         self.gap = np.where(self.failed, 0.0, gap)
-        self._shapes, self._slopes = primary.shapes(eta), primary.slopes(eta)
+        table = primary.table(eta)
+        self._shapes, self._slopes = table[0], table[1:].transpose(1, 0, 2)
         tangents = np.einsum("pta,pad->ptd", self._slopes, x[1][primary.dofs[points.face]])
         self._duals = duals(tangents, normal)
         self._way = self.x - np.einsum("pa,pad->pd", self._old_at, x[1][self._old_dofs])

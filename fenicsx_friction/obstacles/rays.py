@@ -3,18 +3,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
 from ..surfaces.face_tables import normals_of
 from ..surfaces.lagrange_faces import LagrangeFaces
+from .clipping import cross
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
 
-#: Newton iterations; their tolerance in the face's coordinates; and from which last step on they
-#: have failed.
-MAX_IT, TOLERANCE, FAILED = 25, 1e-14, 1e-9
+#: Newton iterations, and the step in the face's coordinates after which the error, its square, is
+#: rounding.
+MAX_IT, TOLERANCE = 25, 1e-8
 
 
 def cast(
@@ -43,28 +46,40 @@ def cast(
     gap: Array = np.zeros(len(face))
     place = np.tile(faces.centers.mean(axis=0), (len(face), 1)) if eta is None else eta.copy()
     left = np.arange(len(face))
-    moved = np.zeros(len(face))
+    failed = np.zeros(len(face), dtype=bool)
     with np.errstate(all="ignore"):
         for _ in range(MAX_IT):
-            at, around = place[left], corners[left]
-            tangents = np.einsum("pta,pad->ptd", faces.slopes(at), around)
-            way = start[left] - np.einsum("pa,pad->pd", faces.shapes(at), around)
-            step, gap[left] = split(tangents, along[left], way)
+            at = place[left]
+            foot, *tangents = np.einsum("tpa,pad->tpd", faces.table(at), corners[left])
+            step, gap[left] = split(tangents, along[left], start[left] - foot)
             place[left] = at + (step if faces.affine else np.clip(step, -1.0, 1.0))
-            moved[left] = 0.0 * step[:, 0] if faces.affine else np.max(abs(step), axis=1)
-            left = left[moved[left] >= TOLERANCE]
+            moved = np.max(abs(step), axis=1)
+            if faces.affine:
+                moved *= 0.0  # one step is exact
+            failed[left] = ~(moved < TOLERANCE)
+            left = left[moved >= TOLERANCE]
             if not len(left):
                 break
-    found = moved <= FAILED
-    place[~found] = np.nan
-    return place, np.where(found, gap, np.nan)
+    place[failed] = np.nan
+    return place, np.where(failed, np.nan, gap)
 
 
-def split(tangents: Array, along: Array, way: Array) -> tuple[Array, Array]:
+def split(tangents: Sequence[Array], along: Array, way: Array) -> tuple[Array, Array]:
     """Split vectors into parts along tangents and along a direction."""
-    parts = duals(tangents, along)
-    found = np.einsum("pkd,pd->pk", parts, way)
-    return found[:, :-1], found[:, -1]
+    if len(tangents) == 1:
+        (first,), second = tangents, along
+        volume = cross(first, along)
+        return (cross(way, along) / volume)[:, None], cross(first, way) / volume
+    first, second = tangents
+    normal, across = np.cross(first, second), np.cross(way, along)
+    parts = (-_dot(second, across), _dot(first, across), _dot(normal, way))
+    *step, gap = (part / _dot(normal, along) for part in parts)
+    return np.stack(step, axis=1), gap
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Return products of vectors."""
+    return np.asarray(np.einsum("pd,pd->p", a, b))
 
 
 def duals(tangents: Array, along: Array) -> Array:

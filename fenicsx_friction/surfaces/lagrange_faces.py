@@ -105,6 +105,10 @@ class LagrangeFaces:
         """Return their derivatives along the coordinates: (points, d - 1, dofs)."""
         return _tabulated(self._element, 1, xi)[1:].transpose(1, 0, 2)
 
+    def table(self, xi: Array) -> Array:
+        """Return shape functions and their derivatives: (1 + (d - 1), points, dofs)."""
+        return _tabulated(self._element, 1, xi)
+
     def hats(self, xi: Array) -> Array:
         """Return the shape functions of the vertices: (points, vertices)."""
         return _tabulated(self._hats, 0, xi)[0]
