@@ -84,16 +84,16 @@ class MortarElement:
         self._by_normal = by_normal
         normal = normals[points.patch]
         dofs = secondary.dofs[secondary.face_of(points.patch)]
-        self.x = np.einsum("pa,pad->pd", self._at, x[0][dofs])
+        self.x = (self._at[:, None] @ x[0][dofs])[:, 0]
         eta, gap = cast(primary, x[1], points.face, self.x, normal, points.eta)
         self.failed = ~np.isfinite(gap)
         eta[self.failed] = points.eta[self.failed]
         self.gap = np.where(self.failed, 0.0, gap)
         table = primary.table(eta)
-        self._shapes, self._slopes = table[0], table[1:].transpose(1, 0, 2)
-        tangents = np.einsum("pta,pad->ptd", self._slopes, x[1][primary.dofs[points.face]])
+        self._shapes, self._slopes = table[:, 0], table[:, 1:]
+        tangents = self._slopes @ x[1][primary.dofs[points.face]]
         self._duals = duals(tangents, normal)
-        self._way = self.x - np.einsum("pa,pad->pd", self._old_at, x[1][self._old_dofs])
+        self._way = self.x - (self._old_at[:, None] @ x[1][self._old_dofs])[:, 0]
         self._way_of_corner = corners @ self._way
         self._couple_shapes = self._couples @ self._shapes
 
@@ -172,7 +172,7 @@ class MortarElement:
         turned = np.einsum("cij,cjae->ciae", by_normal, self._turns[corners.key])
         own = self._shares_at[:, :, None, None, None] * turned[:, None]
         face = -self._couple_shapes[:, :, None, None, None] * turned[couples][:, None]
-        moved = np.einsum("pkb,pke->pbe", self._slopes, self._duals[:, :-1])
+        moved = self._slopes.transpose(0, 2, 1) @ self._duals[:, :-1]
         points = PointForces(self.point_forces(c), self._at, self._shapes, moved, self.gap)
         turns = self._turns[turning.patch_of_pair]
         return [turning.of_patches(own), turning.of_pairs(face, points, turns)]

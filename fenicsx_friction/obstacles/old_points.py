@@ -31,7 +31,7 @@ def points_before(
     secondary, primary = facing.secondary, facing.primary
     normal = Planes.of(secondary, x[0]).normal[points.patch]
     dofs = secondary.dofs[secondary.face_of(points.patch)]
-    start = np.einsum("pa,pad->pd", secondary.shapes(points.xi), x[0][dofs])
+    start = (secondary.shapes(points.xi)[:, None] @ x[0][dofs])[:, 0]
     face = points.face.copy()
     eta, _ = cast(primary, x[1], face, start, normal)
     lost = ~np.all(np.isfinite(eta), axis=1)

@@ -106,8 +106,8 @@ class LagrangeFaces:
         return _tabulated(self._element, 1, xi)[1:].transpose(1, 0, 2)
 
     def table(self, xi: Array) -> Array:
-        """Return shape functions and their derivatives: (1 + (d - 1), points, dofs)."""
-        return _tabulated(self._element, 1, xi)
+        """Return shape functions, then their derivatives: (points, 1 + (d - 1), dofs)."""
+        return np.ascontiguousarray(_tabulated(self._element, 1, xi).transpose(1, 0, 2))
 
     def hats(self, xi: Array) -> Array:
         """Return the shape functions of the vertices: (points, vertices)."""
