@@ -8,7 +8,7 @@ from .certificate.nodal_state import OPEN, SLIP, STICK
 from .contact.contact import Contact
 from .files.checkpoint import read_checkpoint, write_checkpoint
 from .files.fields import ContactFields
-from .increment.report import ContactReport, OtherSolution, StepReport
+from .increment.report import BodyReport, ContactReport, OtherSolution, StepReport
 from .increment.settings import StepSettings
 from .laws import bulk
 from .laws.friction import (
@@ -29,6 +29,7 @@ from .obstacles.adjust import close_initial_gaps
 from .obstacles.deformable import DeformableObstacle
 from .obstacles.motion import RigidMotion
 from .obstacles.rigid import RigidObstacle
+from .obstacles.rigid_body import RigidBody
 from .obstacles.round import RigidCylinder, RigidSphere
 from .obstacles.search import SearchPolicy
 from .obstacles.shapes import ImplicitObstacle, RigidPlane
@@ -44,6 +45,7 @@ __all__ = [
     "OPEN",
     "SLIP",
     "STICK",
+    "BodyReport",
     "Certificate",
     "CheckpointError",
     "Contact",
@@ -67,6 +69,7 @@ __all__ = [
     "OtherSolution",
     "OutOfMemory",
     "PermanentStick",
+    "RigidBody",
     "RigidCylinder",
     "RigidMotion",
     "RigidObstacle",

@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..contact.contact import Contact
+from ..obstacles.reaction import body_blocks, body_slopes
+from ..obstacles.rigid_pairing import RigidPairing
 from ..surfaces.nodal_kernel import NodalKernel
 
 Array = npt.NDArray[np.floating]
@@ -29,15 +31,18 @@ class Blocks(Generic[Part]):
         laws: Rows of the laws by the stencil, the multipliers and further unknowns; one a node.
         levers: Balance of forces at the stencil by the multipliers; one a node.
         turning: Balance of forces by displacements, as forces turn and move with the surfaces.
+        body: Balance of forces by the motion of a rigid body that carries loads; its own balance by
+            the multipliers, the stencil and its motion. Rows of laws depend on this last.
     """
 
     laws: Part
     levers: Part
     turning: list[Part]
+    body: list[Part]
 
     def __iter__(self) -> Iterator[Part]:
         """Go through all kinds."""
-        yield from (self.laws, self.levers, *self.turning)
+        yield from (self.laws, self.levers, *self.turning, *self.body)
 
 
 #: Places and values of the blocks of a contact, and the softness of its nodes.
@@ -50,11 +55,15 @@ def derivatives_of(k: Contact, kernel: NodalKernel) -> Blocks[Array]:
     slopes, weight_slopes = k.pairing.derivatives()
     by_field, by_c, *by_others = kernel.derivatives()
     n, d, area = len(slopes), k.pairing.side.d, k.nodal_area()[:, None, None]
-    levers = k.pairing.levers()
+    levers, by_body, of_body = k.pairing.levers(), [], []
+    if isinstance(k.pairing, RigidPairing) and k.pairing.body is not None:
+        by_body = [by_field @ body_slopes(k.pairing)]
+        of_body = body_blocks(k.pairing, k.pairing.body)
     return Blocks(
-        np.concatenate([by_field @ slopes, by_c, *by_others], axis=2) * area,
+        np.concatenate([by_field @ slopes, by_c, *by_others, *by_body], axis=2) * area,
         -levers.reshape(n, d, levers.shape[2] * d).transpose(0, 2, 1) * area,
         [-turned for turned in k.pairing.turning(slopes, weight_slopes)],
+        of_body,
     )
 
 

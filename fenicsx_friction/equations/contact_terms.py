@@ -25,6 +25,9 @@ from ..base.collective import any_rank
 from ..base.errors import ContactInputError
 from ..contact.contact import Contact
 from ..obstacles.kinematics import Array
+from ..obstacles.reaction import body_rows
+from ..obstacles.rigid_body import RigidBody
+from ..obstacles.rigid_pairing import RigidPairing
 from ..surfaces.nodal_kernel import NodalKernel
 from ..surfaces.surface import has_vertex_dofs
 from .blocks import Blocks, Places, derivatives_of
@@ -69,12 +72,13 @@ class ContactTerms:
         self._u, self._comm = unknowns[0], unknowns[0].function_space.mesh.comm
         spaces = [f.function_space for f in unknowns]
         owned = [num_owned(f) for f in unknowns]
-        self._num_rows, self._num_owned = sum(owned), owned[0]
+        self._num_rows = sum(owned)
         self._all_rows = global_dofs(spaces) if rows is None else list(rows)
         self._rows = [numbers.copy() for numbers in self._all_rows]
         for V, free in zip(spaces, self._rows, strict=True):
             free[constrained_dofs(V, bcs)] = -1
         self._stencils: dict[tuple[object, int], tuple[int, Indices]] = {}
+        self._sizes = owned
 
     @property
     def versions(self) -> tuple[int, ...]:
@@ -106,6 +110,10 @@ class ContactTerms:
             law.others.append(others)
         return law
 
+    def _unknown_of(self, body: RigidBody) -> int:
+        """Return which unknown is the motion of a body."""
+        return next(i for i, f in enumerate(self._unknowns) if f is body.q)
+
     def _others(self) -> list[fem.Function]:
         """Return the unknowns beside displacement and multipliers."""
         return self._unknowns[1 : len(self._unknowns) - len(self._contacts)]
@@ -114,11 +122,16 @@ class ContactTerms:
 
     def momentum(self) -> Array:
         """Return the residual forces of contact (N) at the owned dofs, held ones included."""
+        return self.balance()[0]
+
+    def balance(self) -> list[Array]:
+        """Return the same for each unknown of the bulk, the motions of rigid bodies, too."""
         vector = PETSc.Vec().createMPI((self._num_rows, None), comm=self._comm)
         self._add_forces(vector, "all")
-        values = vector.array[: self._num_owned].copy()
+        ends = np.cumsum(self._sizes[: len(self._sizes) - len(self._contacts)])
+        values = np.split(vector.array[: ends[-1]].copy(), ends[:-1])
         vector.destroy()
-        return np.asarray(values)
+        return values
 
     def residuals(self, law: Law) -> list[Array]:
         """Return the rows of the laws times the nodal areas, one array for each contact.
@@ -143,7 +156,8 @@ class ContactTerms:
 
         Until Newton reaches a prescribed value, its missing part acts on the neighbours.
         """
-        missing = [with_conditions(f, self._bcs) - f.x.array for f in self._unknowns]
+        with np.errstate(invalid="ignore"):  # Newton may have gone to infinity
+            missing = [with_conditions(f, self._bcs) - f.x.array for f in self._unknowns]
         if any_rank(self._comm, any(bool(np.any(m != 0.0)) for m in missing)):
             for i, (blocks, places) in enumerate(
                 zip(self.matrices(law), self.places(law), strict=True)
@@ -155,11 +169,14 @@ class ContactTerms:
 
     def _add_forces(self, vector: PETSc.Vec, kind: str) -> None:
         """Subtract the nodal forces of contact from the momentum balance, of free rows or all."""
-        target = (self._rows if kind == "free" else self._all_rows)[0]
+        target = self._rows if kind == "free" else self._all_rows
         for i, k in enumerate(self._contacts):
             forces = -k.pairing.forces(k.nodal_area()[:, None] * k.multipliers())
-            rows = self._kept(kind, i, partial(k.pairing.gather, target, missing=-1))
+            rows = self._kept(kind, i, partial(k.pairing.gather, target[0], missing=-1))
             _add(vector, rows[:, : forces.shape[1]], forces)
+            if isinstance(k.pairing, RigidPairing) and (body := k.pairing.body) is not None:
+                shares, rows = body_rows(k.pairing, body), target[self._unknown_of(body)]
+                _add(vector, np.tile(rows, (len(shares), 1)), shares)
         vector.assemble()
 
     def _kept(self, what: object, i: int, find: Callable[[], Any]) -> Any:
@@ -202,7 +219,12 @@ class ContactTerms:
             entries = values[1 + j].reshape(-1, V.dofmap.index_map_bs)
             others.append(entries[k.surface.parent_dofs(V)[:n]])
         turned = k.pairing.turned(values[0], missing)
-        return Blocks((c, np.hstack([stencil, c, *others])), (loaded, c), turned)
+        of_body = []
+        if k.pairing.body is not None:
+            q = np.tile(values[self._unknown_of(k.pairing.body)], (n, 1))
+            of_body = [(stencil, q), (q, c), (q, stencil), (q, q)]
+            others.append(q)
+        return Blocks((c, np.hstack([stencil, c, *others])), (loaded, c), turned, of_body)
 
     def softness(self) -> list[Array]:
         """Return the scale of each node's rows over that of the certificate, of each contact.

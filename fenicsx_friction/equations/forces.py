@@ -18,6 +18,7 @@ from ..certificate.scales import DIGITS, FAINT, SHARE, Scales, joined
 from ..contact.contact import Contact
 from ..surfaces.cells import extent, extreme_sizes
 from .bodies import link_bodies, number_bodies
+from .body_equation import BodyEquation
 from .boundary_measure import BoundaryMeasure
 from .conditions import with_conditions
 from .contact_terms import ContactTerms
@@ -66,7 +67,7 @@ class ForceScales:
         contacts: Sequence[Contact],
         bcs: Sequence[fem.DirichletBC],
         stiffness: Array,
-        equations: Sequence[FurtherEquation],
+        equations: Sequence[FurtherEquation | BodyEquation],
         terms: ContactTerms,
         momentum: Callable[[], Array],
         residuals: Callable[[], list[Array]],
@@ -75,7 +76,7 @@ class ForceScales:
         self._u, self._terms = unknowns[0], terms
         self._momentum, self._residuals = momentum, residuals
         self._comm, self._equations = self._u.function_space.mesh.comm, equations
-        self._measured: list[ForceScales | FurtherEquation] = [self, *equations]
+        self._measured: list[ForceScales | FurtherEquation | BodyEquation] = [self, *equations]
         self.number, body = number_bodies(self._u.function_space)
         self._stiffness = abs(stiffness)
         self._bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]

@@ -14,6 +14,7 @@ from dolfinx import fem
 from ..base.collective import largest_of_ranks
 from ..certificate.groups import Array, Groups, Labels
 from ..contact.contact import Contact
+from .body_equation import BodyEquation
 from .conditions import constrained_dofs
 from .further_equation import FurtherEquation
 from .numbering import num_owned
@@ -80,7 +81,7 @@ class RowGroups:
         contacts: Sequence[Contact],
         bcs: Sequence[fem.DirichletBC],
         stiffness: Array,
-        equations: Sequence[FurtherEquation],
+        equations: Sequence[FurtherEquation | BodyEquation],
         bodies: Labels,
         of_contacts: Sequence[Labels],
         number: int,

@@ -11,7 +11,7 @@ from dolfinx import fem
 
 from ..base.errors import CheckpointError
 from ..certificate.nodal_state import NodalState
-from ..obstacles.motion import RigidMotion
+from ..obstacles.motion import Motion
 from .numbering import Numbering, mesh_table
 
 if TYPE_CHECKING:
@@ -72,12 +72,14 @@ class Content:
         self, problem: "FrictionalContactProblem", history: Sequence[fem.Function]
     ) -> None:
         self._problem = problem
-        named = {f"unknown {k}": u for k, u in enumerate(problem.unknowns)}
+        # The motions of bodies that carry loads are kept with those that are given.
+        unknowns = problem.unknowns[: len(problem.unknowns) - len(problem.bodies)]
+        named = {f"unknown {k}": u for k, u in enumerate(unknowns)}
         named |= {f"history {k}": f for k, f in enumerate(history)}
         orders = {name: Numbering(f.function_space) for name, f in named.items()}
         self._surfaces = [Numbering(k.surface.S) for k in problem.contacts]
         obstacles = [k.obstacle.motion for k in problem.contacts]
-        self.motions: list[RigidMotion] = list({id(m): m for m in obstacles if m}.values())
+        self.motions: list[Motion] = list({id(m): m for m in obstacles if m}.values())
 
         self.functions = {name: (orders[name], f) for name, f in named.items()}
         self.functions["u_old"] = (orders["unknown 0"], problem.u_old)

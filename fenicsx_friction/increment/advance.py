@@ -11,6 +11,7 @@ from dolfinx import fem
 from ..base.errors import ContactInputError, StepFailed
 from ..base.log import tell
 from ..contact.checks import check_friction, check_metrics, check_normals
+from ..equations.body_equation import check_held
 from ..equations.conditions import with_conditions
 from . import others, snapshot
 from .correctors import CONDENSED_FALLBACKS, FALLBACKS, Attempt
@@ -170,6 +171,8 @@ def _begin(system: ContactSystem) -> Trials:
     trials = Trials(system, changed)
     system.set_smoothing(xi=0.0, eps=0.0)
     _check_time(system.dt)
+    for body in system.bodies:
+        check_held(body, system.contacts)
     for k in system.contacts:
         check_normals(k)  # an obstacle that has moved may have none at some node
         check_friction(k)

@@ -36,6 +36,25 @@ class ContactReport:
 
 
 @dataclass(frozen=True)
+class BodyReport:
+    """Where a rigid body that carries loads is after a step, and what contact does to it.
+
+    Attributes:
+        name: Name of the body.
+        translation: Translation of its center (m).
+        rotation: Angle in 2D, rotation vector in 3D (rad).
+        force: Force of all its contacts on the body in global axes (N, per unit depth in 2D).
+        moment: Their moment about its center where this is now (N m), about ``z`` alone in 2D.
+    """
+
+    name: str
+    translation: tuple[float, ...]
+    rotation: tuple[float, ...]
+    force: tuple[float, ...]
+    moment: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class OtherSolution:
     """Another certified solution of a step, which was not taken.
 
@@ -65,6 +84,7 @@ class StepReport:
             factors the whole system.
         others: Further solutions that were found, see ``StepSettings.look_for_others``.
         searched: The substeps of the search for them.
+        bodies: The rigid bodies that carry loads.
         solver: ``condensed`` or ``full``, see :class:`SubstepReport`: what led to the final state.
         linear_solver: ``direct`` or ``multigrid``: what solved its linear systems.
         set_ups: How often the levels of multigrid were made.
@@ -81,6 +101,7 @@ class StepReport:
     set_ups: int = 0
     others: tuple[OtherSolution, ...] = ()
     searched: tuple[SubstepReport, ...] = ()
+    bodies: tuple[BodyReport, ...] = ()
 
     @property
     def iterations(self) -> int:

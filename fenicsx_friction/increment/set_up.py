@@ -16,11 +16,12 @@ from ..base.errors import ContactInputError
 from ..contact.checks import check_normals
 from ..contact.contact import Contact
 from ..contact.sides import check_sides
+from ..equations.body_equation import BodyEquation, bodies_of
 from ..equations.conditions import constrained
 from ..equations.further_equation import FurtherEquation
 from ..equations.numbering import contact_dofs
 from ..equations.patches import felt_stiffness
-from ..obstacles.motion import RigidMotion
+from ..obstacles.motion import Motion
 
 
 def stiffness_of(
@@ -80,7 +81,7 @@ def set_up_contacts(
         k.hold(held)
 
 
-def claim_motions(contacts: Sequence[Contact], problem: object) -> list[RigidMotion]:
+def claim_motions(contacts: Sequence[Contact], problem: object) -> list[Motion]:
     """Return the motions of all obstacles, each once, which belong to the problem now."""
     found = {id(k.obstacle.motion): k.obstacle.motion for k in contacts}
     motions = [motion for motion in found.values() if motion is not None]
@@ -95,11 +96,17 @@ def further_equations(
     bcs: Sequence[fem.DirichletBC],
     stiffness: fem.Function,
     entity_maps: Sequence[mesh.EntityMap],
-) -> list[FurtherEquation]:
-    """Return the equations beside the momentum balance; collective."""
+    contacts: Sequence[Contact],
+) -> list[FurtherEquation | BodyEquation]:
+    """Return the equations beside the momentum balance, those of rigid bodies last; collective."""
     comm = stiffness.function_space.mesh.comm
     stiffest = comm.allreduce(float(np.max(abs(stiffness.x.array), initial=0.0)), MPI.MAX)
-    return [
+    bodies = bodies_of(contacts)
+    found: list[FurtherEquation | BodyEquation] = [
         FurtherEquation(block, unknown, unknowns, stiffest, bcs, entity_maps)
-        for block, unknown in zip(blocks, unknowns[1:], strict=True)
+        for block, unknown in zip(blocks, unknowns[1 : len(unknowns) - len(bodies)], strict=False)
     ]
+    for body in bodies:
+        body.scale(stiffest)
+        found.append(BodyEquation(body, [k for k in contacts if k.pairing.body is body]))
+    return found

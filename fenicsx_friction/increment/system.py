@@ -19,6 +19,7 @@ from ..certificate.certificate import Certificate, certify
 from ..certificate.nodal_state import NodalState
 from ..contact.contact import Contact
 from ..equations.assembly import assemble_owned, weakly
+from ..equations.body_equation import bodies_of
 from ..equations.conditions import constrained_dofs, missed_values
 from ..equations.contact_terms import ContactTerms
 from ..equations.forces import ForceScales
@@ -49,6 +50,7 @@ class ContactSystem:
     Attributes:
         u, u_old: The displacement, now and at the last accepted step.
         contacts: The contacts; ``contact.c`` are the multipliers.
+        bodies: The rigid bodies that carry loads; their motions are the last of ``unknowns``.
         dt: Length of the step (s), a Constant; only laws with rates need it.
         num_steps: Number of accepted steps.
         monitor: Called with each :class:`~fenicsx_friction.SubstepReport`, or ``None``.
@@ -72,7 +74,8 @@ class ContactSystem:
         entity_maps: Sequence[mesh.EntityMap] | None,
         settings: StepSettings,
     ) -> None:
-        self.unknowns, self.contacts, self.bcs = list(unknowns), list(contacts), list(bcs)
+        self.contacts, self.bcs, self.bodies = list(contacts), list(bcs), bodies_of(contacts)
+        self.unknowns = [*unknowns, *(body.q for body in self.bodies)]
         self._settings = settings
         self.u = self.unknowns[0]
         V = self.u.function_space
@@ -105,6 +108,7 @@ class ContactSystem:
         self._entity_maps = [*(entity_maps or []), *(s.entity_map for s in surfaces)]
         blocks = [lifted_form(f) for f in share_facet_data(blocks)]
         self.bulk = blocks[0]
+        blocks += [body.residual() for body in self.bodies]
         stiffness, tangent = stiffness_of(self.bulk, self.u, self._entity_maps)
         given = (self.dt, self.settings.normal, self.bcs, stiffness, tangent)
         set_up_contacts(self.contacts, (self.u, self.u_old), *given)
@@ -115,7 +119,7 @@ class ContactSystem:
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
         self.terms = ContactTerms(self.contacts, self.state, self.bcs)
         diagonal = stiffness.x.array[: num_owned(stiffness)].copy()
-        arguments = (self.unknowns, self.bcs, stiffness, self._entity_maps)
+        arguments = (self.unknowns, self.bcs, stiffness, self._entity_maps, self.contacts)
         self.scales = ForceScales(
             self.unknowns,
             self.contacts,
@@ -201,7 +205,11 @@ class ContactSystem:
 
     def assemble_others(self) -> list[np.ndarray]:
         """Return the rows of the equations beside the momentum balance; owned dofs."""
-        return [assemble_owned(form) for form in self._other_forms]
+        if not self._other_forms:
+            return []
+        contact = self.terms.balance()[1:]
+        forms = map(assemble_owned, self._other_forms)
+        return [form + forces for form, forces in zip(forms, contact, strict=True)]
 
     def nodal_states(self) -> list[NodalState]:
         """Return the nodal values of each contact on this rank."""

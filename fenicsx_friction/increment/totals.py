@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Totals of one contact: states, force, moment and dissipation."""
 
+from collections.abc import Sequence
+
 from mpi4py import MPI
 
 import numpy as np
@@ -8,7 +10,8 @@ import numpy as np
 from ..certificate.nodal_state import OPEN, SLIP, STICK, NodalState
 from ..contact.contact import Contact
 from ..obstacles.kinematics import Array
-from .report import ContactReport
+from ..obstacles.rigid_body import RigidBody
+from .report import BodyReport, ContactReport
 
 
 def total(contact: Contact, state: NodalState) -> ContactReport:
@@ -29,6 +32,23 @@ def total(contact: Contact, state: NodalState) -> ContactReport:
         dissipation=float(sums[-1]),
         penetration=contact.surface.mesh.comm.allreduce(contact.pairing.penetration(), MPI.MAX),
     )
+
+
+def totals_of_bodies(
+    bodies: Sequence[RigidBody], contacts: Sequence[Contact], reports: Sequence[ContactReport]
+) -> tuple[BodyReport, ...]:
+    """Total the forces on rigid bodies that carry loads, from those of the contacts."""
+    found = []
+    for body in bodies:
+        pairs = zip(contacts, reports, strict=True)
+        own = [report for k, report in pairs if k.pairing.body is body]
+        force = -np.sum([report.force for report in own], axis=0)
+        about_origin = -np.sum([report.moment for report in own], axis=0)
+        center = body.center + body.translated()
+        moment = about_origin - _moment(center[None], force[None])
+        parts = (body.translated(), body.rotation(), force, moment)
+        found.append(BodyReport(body.name, *(tuple(part.tolist()) for part in parts)))
+    return tuple(found)
 
 
 def _moment(x: Array, forces: Array) -> Array:

@@ -19,6 +19,7 @@ from .crossed import crossed_nodes
 from .rebalance import NOT_BALANCED, rebalance
 from .report import StepReport
 from .system import ContactSystem
+from .totals import totals_of_bodies
 
 #: Searches for the faces that nodes meet, each but the last followed by a solve.
 MAX_SEARCHES = 12
@@ -126,16 +127,18 @@ class Trials:
         system = self.system
         certificate = system.certify()
         crossed = crossed_nodes(system) if certificate.solved else []
+        contacts = system.contact_reports()
         report = StepReport(
             system.num_steps + 1,
             system.settings.corrector,
             tuple(self.substeps),
-            system.contact_reports(),
+            contacts,
             replace(certificate, crossed=len(crossed)),
             self.factorisations,
             solver,
             "direct" if solver == "condensed" else system.solvers.full.linear_solver,
             self.set_ups,
+            bodies=totals_of_bodies(system.bodies, system.contacts, contacts),
         )
         return report, crossed
 

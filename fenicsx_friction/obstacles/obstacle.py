@@ -12,7 +12,8 @@ from dolfinx import fem
 
 from ..surfaces.faces import surface_normals
 from .kinematics import Array, Kinematics, frame_slopes, frames, kinematic_field, slices
-from .motion import RigidMotion
+from .motion import Motion
+from .rigid_body import RigidBody
 from .side import Side
 from .view import View
 
@@ -26,7 +27,7 @@ class Obstacle(ABC):
         motion: A rigid motion that the user sets, if any.
     """
 
-    motion: RigidMotion | None = None
+    motion: Motion | None = None
 
     @abstractmethod
     def meet(self, side: Side) -> Pairing:
@@ -49,6 +50,7 @@ class Pairing(ABC):
         kinematics: The same in UFL.
         deformable: Whether the other side is deformable.
         tilted: Whether normals are those of faces or averages, a bit off the obstacle's own.
+        body: The obstacle as a body that carries loads, if it is one.
         loaded: On how many points of its stencil a node's force acts; by default on all.
         version: Changes with the stencils.
         lost: Owned nodes whose gap is not known at the present displacement, if any.
@@ -56,6 +58,7 @@ class Pairing(ABC):
 
     deformable = tilted = False
     loaded: int | None = None
+    body: RigidBody | None = None
     version = 0
     lost: Mask | None = None
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..base.collective import any_rank
 from .kinematics import Array
-from .motion import RigidMotion
+from .motion import Motion
 from .obstacle import Mask
 from .side import Side
 
@@ -22,7 +22,7 @@ SAMPLES = 32
 DIVE = 1e-6
 
 
-def ways(side: Side, motion: RigidMotion | None) -> tuple[Array, Array]:
+def ways(side: Side, motion: Motion | None) -> tuple[Array, Array]:
     """Return start and end (m) of the local nodes' ways, beside the obstacle where it is now."""
     X = side.surface.S.tabulate_dof_coordinates()[:, : side.d]
     old, new = (X + f.x.array.reshape(-1, side.d)[side.parent_dofs] for f in (side.u_old, side.u))

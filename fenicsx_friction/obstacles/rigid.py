@@ -15,7 +15,7 @@ from ..base.errors import ContactInputError
 from ..base.validators import instance, vector
 from ..surfaces.elements import nodal_on_facets
 from .kinematics import Array, entries
-from .motion import RigidMotion
+from .motion import Motion
 from .obstacle import Mask, Obstacle
 from .passage import through_anything
 from .rigid_pairing import RigidPairing
@@ -31,12 +31,13 @@ class RigidObstacle(Obstacle):
         motion: Moves the obstacle from where its shape describes it.
     """
 
-    motion: RigidMotion | None = field(default=None)
+    motion: Motion | None = field(default=None)
 
     def __post_init__(self) -> None:
         """Check the motion; shapes check their own arguments, too."""
         if self.motion is not None:
-            instance(self.motion, RigidMotion, "The obstacle's motion", "a RigidMotion, or None")
+            wanted = "a RigidMotion, a RigidBody, or None"
+            instance(self.motion, Motion, "The obstacle's motion", wanted)
 
     @abstractmethod
     def shape(self, X: Expr) -> Expr:

@@ -15,9 +15,10 @@ from ufl.core.expr import Expr
 from ..base.collective import any_rank
 from ..surfaces.nodal_kernel import NodalKernel, Sites
 from .kinematics import Array
-from .motion import RigidMotion
+from .motion import Motion
 from .obstacle import Mask, Pairing
 from .passage import ways
+from .rigid_body import RigidBody
 from .side import Side
 
 
@@ -25,7 +26,7 @@ class Rigid(Protocol):
     """What a pairing asks of a rigid obstacle, see :mod:`~fenicsx_friction.obstacles.rigid`."""
 
     @property
-    def motion(self) -> RigidMotion | None:
+    def motion(self) -> Motion | None:
         """Moves the obstacle."""
 
     def near(self, side: Side, *, nodal: bool = True) -> Rigid:
@@ -56,6 +57,7 @@ class RigidPairing(Pairing):
     Attributes:
         obstacle: As given.
         near: The same, with a gap that loses no digits.
+        kernel: The kinematics where the obstacle is met, with their derivatives.
         nodal: Whether the obstacle is met at the nodes, not at other points.
     """
 
@@ -67,7 +69,10 @@ class RigidPairing(Pairing):
         X = ufl.SpatialCoordinate(side.surface.mesh)
         self.near = obstacle.near(side, nodal=self.nodal)
         values = self.near.kinematic_values(X, side.u, side.u_old, side.hint, self._axis())
-        self._kernel = NodalKernel(self._sites(), values, [side.u])
+        motion = obstacle.motion
+        self.body = motion if isinstance(motion, RigidBody) else None
+        by = [side.u] if self.body is None else [side.u, self.body.q]
+        self.kernel = NodalKernel(self._sites(), values, by)
         self._written = 0
 
     def _axis(self) -> fem.Function | None:
@@ -78,23 +83,31 @@ class RigidPairing(Pairing):
         """Return the points where the obstacle is met: the nodes."""
         return self.side.surface
 
-    def _averages(self, values: Array) -> Array:
-        """Return the entries of the field at the nodes from those where the obstacle is met."""
+    def averages(self, values: Array) -> Array:
+        """Return the values of the nodes from those where the obstacle is met, one row each."""
         return values
+
+    def spread(self, values: Array) -> Array:
+        """Return what values where the obstacle is met give the stencils: (nodes, points, ...)."""
+        return values[:, None]
+
+    def node_of_site(self) -> Any:
+        """Return the node of each place where the obstacle is met, to index rows of nodes."""
+        return slice(None)
 
     def update(self) -> None:
         """Follow the displacement, as far as it has changed; collective."""
-        version = self._kernel.version()
+        version = self.kernel.version()
         if not any_rank(self.side.surface.mesh.comm, version != self._written):
             return
-        values = self._averages(self._kernel.values())
+        values = self.averages(self.kernel.values())
         self.field.x.array[: values.size] = values.ravel()
         self.field.x.scatter_forward()
         self._written = version
 
     def derivatives(self) -> tuple[Array, None]:
         """Return the derivatives of the field by the displacement of the node."""
-        return self._kernel.derivatives()[0], None
+        return self.kernel.derivatives()[0], None
 
     def weights(self) -> Array:
         """Return one share for each node."""

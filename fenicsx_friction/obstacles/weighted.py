@@ -73,13 +73,21 @@ class WeightedPairing(Averaged, RigidPairing):
 
     # -- kinematics ------------------------------------------------------------------------------
 
-    def _averages(self, values: Array) -> Array:
+    def averages(self, values: Array) -> Array:
         """Return the averages of the nodes."""
         return self.points.average(values)
 
+    def node_of_site(self) -> npt.NDArray[np.int64]:
+        """Return the node of each point."""
+        return self.points.node_of_point
+
+    def spread(self, values: Array) -> Array:
+        """Return the averages times the shape functions."""
+        return self.points.spread(values)
+
     def derivatives(self) -> tuple[Array, None]:
         """Return the derivatives of the field by the displacements of the stencil."""
-        at_points = self._kernel.derivatives()[0]
+        at_points = self.kernel.derivatives()[0]
         number, entries, d = at_points.shape
         n, m = self.points.stencil.shape
         slopes = self.points.spread(at_points.reshape(number, entries * d)).reshape(
@@ -94,14 +102,14 @@ class WeightedPairing(Averaged, RigidPairing):
     def levers(self) -> Array:
         """Return the forces of unit multipliers over the area."""
         d = self.side.d
-        at_points = frames(self._kernel.values(), d).reshape(-1, d * d)
+        at_points = frames(self.kernel.values(), d).reshape(-1, d * d)
         levers = self.points.spread(at_points)
         n, m, _ = levers.shape
         return levers.reshape(n, m, d, d).transpose(0, 2, 1, 3)
 
     def turning(self, slopes: Array, weight_slopes: Array | None) -> list[Array]:
         """Return how displacements turn the forces (N/m): not at all at a plane."""
-        values, at_points = self._kernel.values(), self._kernel.derivatives()[0]
+        values, at_points = self.kernel.values(), self.kernel.derivatives()[0]
         d, (n, m) = self.side.d, self.points.stencil.shape
         c = self.side.nodal(self.side.c)[self.points.node_of_point]
         turned = np.einsum("nk,nkdz->ndz", c, frame_slopes(values, at_points, d))
@@ -121,7 +129,7 @@ class WeightedPairing(Averaged, RigidPairing):
 
     def acting(self) -> tuple[Array, Array]:
         """Return all points (m) and the forces on the body there (N)."""
-        points, values = self.points, self._kernel.values()
+        points, values = self.points, self.kernel.values()
         c = self.side.nodal(self.side.c)[points.node_of_point]
         areas = (points.area[points.node][:, None] * points.share).ravel()
         forces = np.einsum("p,pk,pkd->pd", areas, c, frames(values, self.side.d))
@@ -135,7 +143,7 @@ class WeightedPairing(Averaged, RigidPairing):
 
     def _depths(self) -> tuple[Array, Array]:
         """Return how deep points and nodes of the faces are in the obstacle (m); collective."""
-        return -self._kernel.values()[:, 0], -self._gaps.values()[:, 0]
+        return -self.kernel.values()[:, 0], -self._gaps.values()[:, 0]
 
     def held_depths(self, held: fem.Function) -> Array:
         """Return how deep wholly held nodes of the faces are in the obstacle (m), else ``-inf``."""
@@ -210,7 +218,7 @@ class WeightedPairing(Averaged, RigidPairing):
         def at(t: float) -> tuple[Array, Array]:
             """Go to a point of the ways."""
             values[owned] = end_u + (1.0 - t) * self._step
-            found = self._kernel.values()
+            found = self.kernel.values()
             return found[:, 0], found[:, where]
 
         return at

@@ -39,6 +39,8 @@ def obstacle_to_condensing(
     options: Mapping[str, object],
 ) -> str:
     """Say why a bulk cannot be condensed; empty if it can."""
+    if any(k.pairing.body is not None for k in contacts):
+        return "a rigid body carries loads"
     of_contact = [f for k in contacts for f in (k.c, k.pairing.field)]
     if any(f in extract_coefficients(block) for block in blocks for f in of_contact):
         return "the bulk depends on the contact"

@@ -94,6 +94,11 @@ def _unfit(scalar: Any) -> str | None:
     return None
 
 
+def is_global(V: fem.FunctionSpace) -> bool:
+    """Tell whether a Function of the space is the same everywhere (of a real element)."""
+    return getattr(V.ufl_element(), "family_name", None) == "real"
+
+
 def degree_on_facets(V: fem.FunctionSpace) -> int:
     """Return the degree of a displacement's shape functions on facets."""
     return len(V.ufl_element().sub_elements[0].entity_dofs[1][0]) + 1

@@ -25,6 +25,7 @@ from ufl.domain import extract_domains
 from ..base.collective import gather_rows
 from ..base.compilation import compiled
 from ..base.errors import ContactInputError
+from .elements import is_global
 from .face_tables import FaceTables, Rule
 from .surface import ContactSurface, is_nodal
 from .surface_dofs import SurfaceDofs
@@ -113,6 +114,8 @@ class FacePoints:
     def reader(self, f: fem.Function) -> Callable[[], Array] | None:
         """Return what reads a displacement at the points, or a node's vector at all of its own."""
         V = f.function_space
+        if is_global(V):
+            return lambda: np.tile(f.x.array, (self.num_owned, 1))
         if V == self._V:
             return lambda: self.interpolate(self.gather_all(f.x.array))
         if V.mesh is self.submesh and is_nodal(V):

@@ -15,7 +15,7 @@ from ..base.compat import exterior_facet_entities
 from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from ..base.validators import text
-from .elements import check_mesh
+from .elements import check_mesh, is_global
 from .facets import checked_facets
 
 #: Collocation at the vertices: each contact equation involves one node only.
@@ -109,6 +109,8 @@ class ContactSurface:
     def reader(self, f: fem.Function) -> Callable[[], npt.NDArray[np.floating]] | None:
         """Return what reads a Function at the nodes, ``None`` without values there."""
         V = f.function_space
+        if is_global(V):
+            return lambda: np.tile(f.x.array, (self.num_owned, 1))
         if not (is_nodal(V) if V.mesh is self.submesh else has_vertex_dofs(V)):
             return None
         if V.mesh is not self.submesh and V.mesh is not self.mesh:

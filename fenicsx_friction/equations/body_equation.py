@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: MIT
+"""The balance of forces and moments of a rigid body that carries loads, and its scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..base.collective import any_rank
+from ..base.errors import ContactInputError
+from ..certificate.groups import Array
+from ..certificate.scales import DIGITS, Scales
+from ..contact.contact import Contact
+from ..obstacles.rigid_body import RigidBody
+from .numbering import num_owned
+
+#: A node within this fraction of the size of its facets touches.
+NEAR = 1e-6
+
+
+class BodyEquation:
+    """Measures the rows of a body; what it has in common with a further equation of the user.
+
+    All rows are forces (moments over a length). Residuals are compared with the forces of contact
+    and the loads.
+
+    Args:
+        body: The body.
+        contacts: Its contacts.
+
+    Attributes:
+        linked: It depends on the displacement.
+        unit: The rows are forces.
+        number, body: One group; that of each owned row.
+        slope: Not needed where rows are linked.
+        row_factors: The rows need none.
+    """
+
+    AT_START = ("_before",)
+    linked, unit, number = True, 1.0, 1
+
+    def __init__(self, body: RigidBody, contacts: Sequence[Contact]) -> None:
+        self._body, self._contacts, self._comm = body, contacts, body.mesh.comm
+        self.body = np.zeros(num_owned(body.q), dtype=np.int64)
+        self.slope = self.row_factors = np.ones(len(self.body))
+        self._before: Array = np.zeros(1)
+
+    def begin(self) -> None:
+        """Begin a step under new loads."""
+        self._body.begin()
+        self._before = self._forces()
+
+    def find_noise(self, errors: Array) -> None:
+        """Nothing to do: forces of contact carry little rounding."""
+
+    def scales(self, bodies: Scales) -> Scales:
+        """Measure the body.
+
+        Args:
+            bodies: Scales of the forces of the deformable bodies.
+        """
+        nothing, forces = np.zeros(1), self._forces()
+        hidden = DIGITS * forces
+        lenient = np.ones(1, dtype=bool)
+        return Scales(forces, self._before, hidden, nothing, nothing, nothing, lenient)
+
+    def _forces(self) -> Array:
+        """Return the largest of the loads and the sums of the sizes of nodal forces (N)."""
+        sums = np.array(
+            [
+                np.sum(np.linalg.norm(k.multipliers(), axis=1) * k.nodal_area())
+                for k in self._contacts
+            ]
+        )
+        total = float(np.sum(self._comm.allreduce(sums)))
+        return np.array([max(total, self._body.loads())])
+
+
+def check_held(body: RigidBody, contacts: Sequence[Contact]) -> None:
+    """Raise if a body is free, without springs, and touches nothing; collective.
+
+    Args:
+        body: The body.
+        contacts: All contacts.
+
+    Raises:
+        ContactInputError: Names the components that nothing holds.
+    """
+    loose = body.released & (body.spring.value == 0.0)
+    touching = False
+    for k in contacts:
+        if k.pairing.body is body:
+            near = k.pairing.gaps() <= NEAR * k.pairing.side.facet_size()
+            touching |= bool(np.any(near | (k.multipliers()[:, 0] > 0.0)))
+    if not any_rank(body.mesh.comm, touching) and np.any(loose):
+        names = [name for name, free in zip(body.names, loose, strict=True) if free]
+        raise ContactInputError(
+            f"Rigid body '{body.name}' touches nothing, so that nothing holds its free components "
+            f"{', '.join(names)}. Bring it into contact first, with given values (body.free = (), "
+            "body.given), or give it springs."
+        )
+
+
+def bodies_of(contacts: Sequence[Contact]) -> list[RigidBody]:
+    """Return the rigid bodies that carry loads, each once."""
+    motions = [k.obstacle.motion for k in contacts]
+    return list({id(m): m for m in motions if isinstance(m, RigidBody)}.values())
