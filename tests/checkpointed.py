@@ -88,6 +88,7 @@ def bare(msh, unknowns, surfaces=(), motions=()):
         unknowns=functions,
         u_old=fem.Function(functions[0].function_space),
         contacts=contacts,
+        bodies=[],
         accepted=[],
         num_steps=0,
         dt=fem.Constant(msh, 1.0),

@@ -199,15 +199,8 @@ class ForceScales:
         forces, hidden = self._over_ranks(np.stack([largest, DIGITS * hidden]))
         forces = np.minimum(forces, self._most)
         strict = np.zeros(self.number, dtype=bool)
-        bodies = Scales(
-            forces,
-            self._forces,
-            hidden,
-            self._given,
-            self._length,
-            self._noise,
-            strict,
-        )
+        start = (self._given, self._length, self._noise)
+        bodies = Scales(forces, self._forces, hidden, *start, strict)
         tractions = np.minimum(self._by_contact(self._traction_lengths()), self._most_traction)
         rounded = [
             k.nodal_scale() * (k.distance() + lengths)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..certificate.certificate import Certificate
 from ..certificate.nodal_state import STATE_NAMES
+from ..obstacles.rigid_body import RigidBody
 from ..solvers.report import SubstepReport
 from ..surfaces.naming import NODES_NAMED, describe
 from .report import StepReport
@@ -34,7 +35,7 @@ def explain(system: ContactSystem, report: StepReport) -> str:
         f"Dominant residual: {_dominant(certificate)}.",
         _substeps(report.substeps),
         *_worst_nodes(system),
-        *_advice(report),
+        *_advice(report, system.bodies),
     ]
     return "\n".join(lines)
 
@@ -88,7 +89,7 @@ def _worst_nodes(system: ContactSystem) -> list[str]:
     return ["Worst contact nodes:", *(text for _, text in gathered[:NODES_NAMED])]
 
 
-def _advice(report: StepReport) -> list[str]:
+def _advice(report: StepReport, bodies: Sequence[RigidBody]) -> list[str]:
     """Say what usually helps, from the reasons of the substeps."""
     reasons = {s.reason for s in report.substeps}
     advice = []
@@ -115,6 +116,12 @@ def _advice(report: StepReport) -> list[str]:
             "A linear solve failed or displacements went out of bounds: is the body held, by bcs "
             "or by contact that touches?"
         )
+        advice += [
+            f"Rigid body '{body.name}' is free in {', '.join(body.free)}: does contact, friction "
+            "or a spring hold these?"
+            for body in bodies
+            if body.free
+        ]
     failures = Counter(s.failure for s in report.substeps if s.failure)
     advice += [f"The linear solver failed {n} times: {text}." for text, n in failures.items()]
     if any("NAN" in reason for reason in reasons):

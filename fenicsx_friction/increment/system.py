@@ -76,13 +76,11 @@ class ContactSystem:
     ) -> None:
         self.contacts, self.bcs, self.bodies = list(contacts), list(bcs), bodies_of(contacts)
         self.unknowns = [*unknowns, *(body.q for body in self.bodies)]
-        self._settings = settings
         self.u = self.unknowns[0]
-        V = self.u.function_space
-        self.comm: MPI.Intracomm = V.mesh.comm
+        V, self.comm = self.u.function_space, self.u.function_space.mesh.comm
         self.u_old = fem.Function(V, name="u_old")
         self.u_old.x.array[:] = self.u.x.array
-        self.num_steps = 0
+        self.num_steps, self._settings = 0, settings
         self.monitor: Callable[[SubstepReport], None] | None = None
         self._xi, self._eps = (fem.Constant(V.mesh, default_scalar_type(0.0)) for _ in range(2))
         self._ramp_sign = fem.Constant(V.mesh, default_scalar_type(self.settings.ramp_sign))
@@ -107,8 +105,8 @@ class ContactSystem:
         V, surfaces = self.u.function_space, [k.surface for k in self.contacts]
         self._entity_maps = [*(entity_maps or []), *(s.entity_map for s in surfaces)]
         blocks = [lifted_form(f) for f in share_facet_data(blocks)]
-        self.bulk = blocks[0]
         blocks += [body.residual() for body in self.bodies]
+        self.bulk = blocks[0]
         stiffness, tangent = stiffness_of(self.bulk, self.u, self._entity_maps)
         given = (self.dt, self.settings.normal, self.bcs, stiffness, tangent)
         set_up_contacts(self.contacts, (self.u, self.u_old), *given)
@@ -205,11 +203,8 @@ class ContactSystem:
 
     def assemble_others(self) -> list[np.ndarray]:
         """Return the rows of the equations beside the momentum balance; owned dofs."""
-        if not self._other_forms:
-            return []
-        contact = self.terms.balance()[1:]
-        forms = map(assemble_owned, self._other_forms)
-        return [form + forces for form, forces in zip(forms, contact, strict=True)]
+        contact = self.terms.balance()[1:] if self.bodies else [0.0] * len(self._other_forms)
+        return [assemble_owned(f) + c for f, c in zip(self._other_forms, contact, strict=True)]
 
     def nodal_states(self) -> list[NodalState]:
         """Return the nodal values of each contact on this rank."""

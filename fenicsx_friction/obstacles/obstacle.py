@@ -203,13 +203,10 @@ class Pairing(ABC):
         return np.zeros(self.side.surface.num_owned)
 
     def crossed(self, closed: Mask) -> Mask:
-        """Tell which nodes have gone through the obstacle since the last step; collective.
+        """Tell which owned nodes have gone through the obstacle since the last step; collective.
 
         Args:
-            closed: Owned nodes that a closed contact holds; they are not tested.
-
-        Returns:
-            One flag an owned node.
+            closed: Those that a closed contact holds.
         """
         return np.zeros(len(closed), dtype=bool)
 
