@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Quadrature points on the faces round each contact node, with the weights of the node's average.
 
-A node's test function is the hat of its vertex. The average of a quantity over its faces is the sum
+A node's test function is the hat of its vertex, or its own shape function on a surface of degree 2.
+The average of a quantity over its faces is the sum
 over their points, with weights that add up to one. Every rank knows the faces round its own nodes,
 whichever rank has them.
 """
@@ -26,7 +27,7 @@ from ..base.collective import gather_rows
 from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from .face_tables import FaceTables, Rule
-from .surface import ContactSurface, is_nodal
+from .surface import ContactSurface
 from .surface_dofs import SurfaceDofs
 
 Array = npt.NDArray[np.floating]
@@ -36,8 +37,8 @@ Indices = npt.NDArray[np.int64]
 class FacePoints:
     """The points on the faces round the owned nodes of a surface; collective.
 
-    A *corner* is a face at one of its vertices. Each corner has the points of its face; so a point
-    counts once for each vertex of its face.
+    A *corner* is a face at one of its contact nodes. Each corner has the points of its face; so a
+    point counts once for each node of its face.
 
     Args:
         surface: The contact surface.
@@ -49,7 +50,7 @@ class FacePoints:
         x: Reference coordinates of the points (m).
         node: The owned node of each corner.
         share: Weight of each point in the average of its corner's node: (corners, points).
-        area: What the weights were divided by: the integral of each node's hat (m²; m in 2D).
+        area: What the weights were divided by: the integral of each test function (m²; m in 2D).
         shapes: Shape functions of the displacement at the points: (corners, points, dofs).
         stencil: The displacement's dofs round each node, by their place in the order of
             :meth:`gather`, its own first, -1 for none: (nodes, dofs).
@@ -115,7 +116,7 @@ class FacePoints:
         V = f.function_space
         if V == self._V:
             return lambda: self.interpolate(self.gather_all(f.x.array))
-        if V.mesh is self.submesh and is_nodal(V):
+        if V.mesh is self.submesh and self._surface.has_values_of(V):
             n, bs, nodes = self._surface.num_owned, V.dofmap.index_map_bs, self.node_of_point
             return lambda: f.x.array.reshape(-1, bs)[:n][nodes]
         return None
