@@ -15,8 +15,8 @@ from ..base.errors import ContactInputError
 from ..base.validators import call, kind, shown, vector
 from .kinematics import Array
 from .obstacle import Mask
-from .rigid import RigidObstacle, check_dimension, middle, unit
 from .passage import Travelling
+from .rigid import RigidObstacle, check_dimension, middle, unit
 from .rigid_pairing import RigidPairing
 from .side import Side
 
