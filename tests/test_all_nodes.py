@@ -14,7 +14,7 @@ from models import by_place, gathered, tagged_facets
 from test_closed_forms import inclined_block
 from test_weighted import ball, block, parabola, plane
 
-pytestmark = pytest.mark.mpi
+mpi = pytest.mark.mpi
 CELLS = {"triangle": 2, "quadrilateral": 2, "hexahedron": 3}
 E, NU, PRESS = 1000.0, 0.3, 0.01
 
@@ -78,6 +78,7 @@ def pressed(cell, with_pressure):
     return contact.nodal().c[:, 0], E * PRESS / (1.0 - nu**2 if d == 2 else 1.0)
 
 
+@mpi
 @pytest.mark.parametrize("with_pressure", [False, True], ids=["u", "Taylor-Hood"])
 @pytest.mark.parametrize("cell", CELLS)
 def test_a_uniform_pressure_is_exact_at_every_node(cell, with_pressure):
@@ -122,6 +123,7 @@ def test_profile_and_force_of_a_line_contact(cell, fine_profile):
     assert 0.0 < fine[2] < 0.004 and fine[2] < 0.7 * coarse[2]
 
 
+@mpi
 def test_penetration_is_told_between_the_nodes():
     """No node is in the obstacle, but points between are."""
     model = all_nodes("quadrilateral", 8, ball(2, 1.0, 0.0), 0.0, name="deep_")
@@ -134,6 +136,7 @@ def test_penetration_is_told_between_the_nodes():
 # -- friction ----------------------------------------------------------------------------------
 
 
+@mpi
 @pytest.mark.parametrize("cell", CELLS)
 def test_what_is_dragged_has_the_friction_of_its_load(cell):
     d = CELLS[cell]
@@ -152,6 +155,7 @@ def test_what_is_dragged_has_the_friction_of_its_load(cell):
     )
 
 
+@mpi
 @pytest.mark.parametrize(("mu", "stays"), [(0.31, True), (0.29, False)])
 def test_a_block_stays_on_a_slope_below_the_angle_of_friction(mu, stays):
     """Weight on an incline of tangent 0.3: only friction holds it."""
@@ -174,6 +178,7 @@ def test_a_block_stays_on_a_slope_below_the_angle_of_friction(mu, stays):
     assert report.stick > 0
 
 
+@mpi
 def test_a_coefficient_may_be_any_field():
     """Of the mesh or of the surface, of degree 1 or 2, or an expression: all the same."""
 
@@ -206,6 +211,33 @@ def test_a_coefficient_may_be_any_field():
         assert abs(c[:, 1]) == pytest.approx(share * c[:, 0], rel=1e-9, abs=1e-12)
 
 
+def test_surfaces_may_go_round_a_corner():
+    """The side of the block does not touch; the corner's force is that of both its faces."""
+    forces = []
+    for both in (False, True):
+        msh = mesh.create_unit_square(MPI.COMM_WORLD, 4, 4, mesh.CellType.quadrilateral)
+        tags = tagged_facets(
+            msh,
+            lambda x, both=both: np.isclose(x[1], 0.0) | (both & np.isclose(x[0], 0.0)),
+            lambda x: np.isclose(x[1], 1.0),
+        )
+        V = fem.functionspace(msh, ("Lagrange", 2, (2,)))
+        u = fem.Function(V)
+        density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E, NU))
+        top = fem.locate_dofs_topological(V, 1, tags.find(2))
+        problem = ff.FrictionalContactProblem(
+            ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, ufl.TestFunction(V)),
+            u,
+            contact=ff.Contact(
+                ff.ContactSurface(msh, tags, 1, degree=2), plane(2), ff.Coulomb(0.3)
+            ),
+            bcs=[fem.dirichletbc(np.array([0.0, -0.01]), top, V)],
+            petsc_options_prefix=f"corner_{both}_",
+        )
+        forces.append(problem.solve().contacts[0].force[1])
+    assert forces[1] == pytest.approx(forces[0], rel=1e-9)
+
+
 # -- the rest of the package -------------------------------------------------------------------
 
 
@@ -218,6 +250,7 @@ def test_jacobian_against_differences(cell):
     assert ff.check_jacobian(model.problem).error <= 1e-6
 
 
+@mpi
 @pytest.mark.parametrize("cell", CELLS)
 def test_solvers_and_ranks_have_the_same_solution(cell):
     """The boundary, the whole system, and one rank for all."""
@@ -255,6 +288,7 @@ def test_half_of_a_symmetric_model_is_half_of_it(cell):
     assert 2.0 * forces[1] == pytest.approx(forces[0], rel=1e-9)
 
 
+@mpi
 def test_fields_have_a_value_at_every_node(tmp_path):
     model = all_nodes("hexahedron", 2, ball(3), name="fields_")
     model.move(0.01, 0.0, -0.03)
@@ -285,6 +319,7 @@ def _vertex(msh, vertex):
     return msh.geometry.x[node[0, 0]]
 
 
+@mpi
 def test_a_run_goes_on_from_a_checkpoint(tmp_path):
     path = MPI.COMM_WORLD.bcast(str(tmp_path / "nodes.h5"))
 
@@ -304,75 +339,3 @@ def test_a_run_goes_on_from_a_checkpoint(tmp_path):
         assert by_place(b) == pytest.approx(by_place(a), abs=1e-9)
     with pytest.raises(ff.CheckpointError):
         read_checkpoint(path, build(1).problem)
-
-
-# -- what is refused ---------------------------------------------------------------------------
-
-
-def test_a_ball_between_the_nodes_is_no_open_contact():
-    """A gap in whose way no node is: small steps, and one that goes right through."""
-    for heights in (np.arange(0.1, 0.65, 0.015), [0.6]):
-        model = all_nodes("triangle", 3, lambda msh: small_ball(0.03), 0.0, name="small_")
-        with pytest.raises(ff.StepFailed, match=r"deep in the faces|went through"):
-            for height in heights:
-                model.move(0.0, -height)
-                model.problem.solve()
-
-
-def small_ball(radius):
-    """A ball under the first point of quadrature of the middle face, between two nodes."""
-    x = (1.0 + 0.5 * (1.0 - np.sqrt(0.6))) / 3.0
-    return ff.ImplicitObstacle(lambda X: ufl.sqrt((X[0] - x) ** 2 + (X[1] + 0.2) ** 2) - radius)
-
-
-def test_nodes_without_a_weight_are_refused():
-    msh = mesh.create_unit_cube(MPI.COMM_WORLD, 2, 2, 2)
-    tags = tagged_facets(msh, lambda x: np.isclose(x[2], 0.0))
-    with pytest.raises(ff.ContactInputError, match=r"integrals of the vertices.* are zero"):
-        ff.ContactSurface(msh, tags, 1, degree=2)
-    with pytest.raises(ff.ContactInputError, match=r"degree = 3 must be 1 .* or 2"):
-        ff.ContactSurface(msh, tags, 1, degree=3)
-    with pytest.raises(ff.ContactInputError, match=r"degree = 2.0 must be an integer"):
-        ff.ContactSurface(msh, tags, 1, degree=2.0)
-
-
-@pytest.mark.parametrize("degree", [1, 3])
-def test_nodes_that_are_not_those_of_the_displacement_are_refused(degree):
-    with pytest.raises(
-        ff.ContactInputError, match=rf"degree = 2 needs a displacement.* it has degree {degree}"
-    ):
-        all_nodes("triangle", 2, plane(2), degree=degree, name="other_")
-
-
-@pytest.mark.parametrize("first", [1, 2])
-def test_deformable_bodies_meet_at_vertices(first):
-    msh = mesh.create_unit_square(MPI.COMM_WORLD, 3, 3)
-    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0), lambda x: np.isclose(x[1], 1.0))
-    u = fem.Function(fem.functionspace(msh, ("Lagrange", 2, (2,))))
-    F = ufl.derivative(ufl.inner(ufl.grad(u), ufl.grad(u)) * ufl.dx, u)
-    low, top = (
-        ff.ContactSurface(msh, tags, k, f"s{k}", degree=2 if k == first else 1) for k in (1, 2)
-    )
-    contact = ff.Contact(low, ff.DeformableObstacle(top), ff.Coulomb(0.3))
-    with pytest.raises(ff.ContactInputError, match=rf"'s{first}' has degree = 2.*only meets rigid"):
-        ff.FrictionalContactProblem(F, u, contact=contact, petsc_options_prefix="two_")
-
-
-def test_friction_of_an_unknown_without_values_at_all_nodes_is_refused():
-    msh = mesh.create_unit_square(MPI.COMM_WORLD, 3, 3)
-    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0), lambda x: np.isclose(x[1], 1.0))
-    V, W = fem.functionspace(msh, ("Lagrange", 2, (2,))), fem.functionspace(msh, ("Lagrange", 1))
-    u, heat, w = fem.Function(V), fem.Function(W), ufl.TestFunction(W)
-    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E, NU))
-    F = ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, ufl.TestFunction(V))
-    surface = ff.ContactSurface(msh, tags, 1, degree=2)
-    top = fem.locate_dofs_topological(V, 1, tags.find(2))
-    problem = ff.FrictionalContactProblem(
-        [F, (heat - 0.5) * w * ufl.dx],
-        [u, heat],
-        contact=ff.Contact(surface, plane(2), ff.Coulomb(0.3 + 0.1 * heat)),
-        bcs=[fem.dirichletbc(np.array([0.0, -0.01]), top, V)],
-        petsc_options_prefix="heat_",
-    )
-    with pytest.raises(ff.ContactInputError, match="without a dof at each contact node"):
-        problem.solve()
