@@ -10,6 +10,7 @@ from dolfinx.io import VTXWriter
 
 import fenicsx_friction as ff
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
+from fenicsx_friction.verification.exact import ExactReference
 from models import by_place, gathered, tagged_facets
 from test_closed_forms import inclined_block
 from test_weighted import ball, block, parabola, plane
@@ -176,6 +177,20 @@ def test_a_block_stays_on_a_slope_below_the_angle_of_friction(mu, stays):
     report = problem.solve().contacts[0]
     assert np.array(report.force) == pytest.approx([0.0, weight], abs=1e-8 * weight)
     assert report.stick > 0
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_steps_are_those_of_the_exact_reference(cell):
+    """Another solver, of second-order cones, on the bulk condensed on the nodes."""
+    d = CELLS[cell]
+    tilted = ff.RigidPlane([0.5] * (d - 1) + [0.0], [0.01] * (d - 1) + [1.0])
+    model = all_nodes(cell, 2, tilted, 0.4, comm=MPI.COMM_SELF, name=f"exact_{cell}_")
+    exact = ExactReference(model.problem)
+    for side, down in ((0.0, 0.01), (0.02, 0.012), (-0.01, 0.008), (0.03, 0.004)):
+        model.move(side, *[0.5 * side] * (d - 2), -down)
+        report, found = model.problem.solve().contacts[0], exact.advance()
+        assert model.contact.nodal().c == pytest.approx(found.c, abs=1e-9 * np.max(abs(found.c)))
+    assert report.slip > 0
 
 
 @mpi

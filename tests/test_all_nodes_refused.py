@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
+from fenicsx_friction.verification.exact import ExactReference
 from models import tagged_facets
 from test_weighted import block, plane
 
@@ -88,3 +89,23 @@ def test_friction_of_an_unknown_without_values_at_all_nodes_is_refused():
     )
     with pytest.raises(ff.ContactInputError, match="without a dof at each contact node"):
         problem.solve()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_gaps_with_fields_of_the_surface_are_refused(degree):
+    """They have no values where the obstacle is looked for between the nodes."""
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 3, 3)
+    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 0.0))
+    surface = ff.ContactSurface(msh, tags, 1, degree=2)
+    f = fem.Function(fem.functionspace(surface.submesh, ("Lagrange", degree)))
+    u = fem.Function(fem.functionspace(msh, ("Lagrange", 2, (2,))))
+    F = ufl.derivative(ufl.inner(ufl.grad(u), ufl.grad(u)) * ufl.dx, u)
+    contact = ff.Contact(surface, ff.ImplicitObstacle(lambda X: X[1] - f), ff.Frictionless())
+    with pytest.raises(ff.ContactInputError, match="not known at points between the nodes"):
+        ff.FrictionalContactProblem(F, u, contact=contact, petsc_options_prefix="gap_")
+
+
+def test_the_exact_reference_knows_no_averages():
+    model = block("triangle", 2, plane(2), comm=MPI.COMM_SELF, name="reference_")
+    with pytest.raises(ff.ContactInputError, match=r"not on average: .* degree=2"):
+        ExactReference(model.problem)

@@ -33,7 +33,8 @@ class AllNodesPairing(RigidPairing):
     def __init__(self, obstacle: Rigid, side: Side) -> None:
         super().__init__(obstacle, side)
         V, X = side.u.function_space, ufl.SpatialCoordinate(side.surface.mesh)
-        points = FacePoints(side.surface, V, gauss(side.surface, 2 * degree_on_facets(V)))
+        rule = gauss(side.surface, 2 * degree_on_facets(V))
+        points = FacePoints(side.surface, V, rule, by_node=False)
         gap, normal = obstacle.near(side, nodal=False).gap_and_normal(X, side.u)
         kernel = NodalKernel(points, ufl.as_vector([gap, *normal]))
 

@@ -44,6 +44,8 @@ class FacePoints:
         surface: The contact surface.
         V: Space of the displacement, continuous Lagrange of any degree.
         rule: Points in a facet, and their weights.
+        by_node: Whether fields of the surface have at all points of a node its own value; else they
+            are not known there.
 
     Attributes:
         name, mesh, submesh: Those of the surface.
@@ -57,9 +59,12 @@ class FacePoints:
         place: Where the dofs of each corner's face are in the stencil: (corners, dofs).
     """
 
-    def __init__(self, surface: ContactSurface, V: fem.FunctionSpace, rule: Rule) -> None:
+    def __init__(
+        self, surface: ContactSurface, V: fem.FunctionSpace, rule: Rule, *, by_node: bool = True
+    ) -> None:
         self.name, self.mesh, self.submesh = surface.name, surface.mesh, surface.submesh
         self._surface, self._V, self._comm = surface, V, surface.mesh.comm
+        self._by_node = by_node
         self._tables = tables = FaceTables(surface, V, rule)
         faces = tables.gathered()
         first, last = surface.S.dofmap.index_map.local_range
@@ -116,7 +121,7 @@ class FacePoints:
         V = f.function_space
         if V == self._V:
             return lambda: self.interpolate(self.gather_all(f.x.array))
-        if V.mesh is self.submesh and self._surface.has_values_of(V):
+        if self._by_node and V.mesh is self.submesh and self._surface.has_values_of(V):
             n, bs, nodes = self._surface.num_owned, V.dofmap.index_map_bs, self.node_of_point
             return lambda: f.x.array.reshape(-1, bs)[:n][nodes]
         return None
