@@ -11,6 +11,7 @@ from dolfinx.io import VTXWriter
 import fenicsx_friction as ff
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
 from fenicsx_friction.verification.exact import ExactReference
+from closed_forms import indentation
 from models import by_place, gathered, tagged_facets
 from test_closed_forms import inclined_block
 from test_weighted import ball, block, parabola, plane
@@ -122,6 +123,24 @@ def test_profile_and_force_of_a_line_contact(cell, fine_profile):
     assert errors[1] < 0.5 * errors[0] and errors[1] < 0.5 * errors[2]
     assert fine[1] == pytest.approx(force, rel=1e-3)
     assert 0.0 < fine[2] < 0.004 and fine[2] < 0.7 * coarse[2]
+
+
+def test_hertz_sphere():
+    """A quarter of a block, 2 and 4 cells on the radius of contact (Johnson 1985, section 4.2(a))."""
+    errors, peaks, deepest = [], [], []
+    for n in (2, 4):
+        model = indentation(
+            3, n, f"sphere_{n}_", nu=0.3, full_x=False, far=10.0, growth=1.4, degree=2,
+            surface_degree=2,
+        )  # fmt: skip
+        report = model.move(0.0, 0.0093)
+        t = model.tractions()
+        errors.append(t.norm(t.pressure - t.hertz.pressure(t.r)))
+        peaks.append(abs(np.max(t.pressure) / t.hertz.p0 - 1.0))
+        deepest.append(report.contacts[0].penetration / 0.0093)
+    assert errors[1] < 0.025 and errors[0] > 1.8 * errors[1]
+    assert peaks[1] < 0.01
+    assert deepest[1] < 0.006 and deepest[0] > 2.0 * deepest[1]
 
 
 @mpi

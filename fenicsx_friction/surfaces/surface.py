@@ -19,7 +19,7 @@ from ..base.errors import ContactInputError
 from ..base.validators import integer, text
 from .elements import check_mesh
 from .facets import checked_facets
-from .nodal_dofs import dofs_at, has_quadratic_dofs, has_vertex_dofs
+from .nodal_dofs import dofs_on_facets, has_quadratic_dofs, has_vertex_dofs
 
 #: Collocation at the nodes, by the degree of the surface: each contact equation involves one node
 #: only. The Gauss-Lobatto points of degree 3 are the nodes of degree 2, with Simpson's weights.
@@ -167,36 +167,11 @@ class ContactSurface:
                 f"{'' if self.degree == 1 else f' of degree {self.degree}'}."
             )
         dofs = np.full(len(self.area.x.array), -1, dtype=np.int32)
-        own = V.mesh is self.submesh
-        dofs[self.S.dofmap.list] = V.dofmap.list if own else self._dofs_on_facets(V)
+        if V.mesh is self.submesh:
+            dofs[self.S.dofmap.list] = V.dofmap.list
+            return dofs
+        dofs[self.S.dofmap.list] = dofs_on_facets(V, self.S, self.entity_map, self._vertex_map)
         self._parent_dofs.append((V, dofs))
-        return dofs
-
-    def _dofs_on_facets(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-        """Return the dofs of a space of the body's mesh at the nodes of each local facet."""
-        topology, tdim = self.mesh.topology, self.mesh.topology.dim
-        topology.create_connectivity(tdim - 1, tdim)
-        topology.create_connectivity(tdim, 0)
-        submesh, layout = self.submesh.topology, self.S.dofmap.dof_layout
-        number = len(self.S.dofmap.list)
-        facets = self.entity_map.sub_topology_to_topology(
-            np.arange(number, dtype=np.int32), inverse=False
-        )
-        around = topology.connectivity(tdim - 1, tdim)
-        cells = around.array[around.offsets[facets]]
-        corners = topology.connectivity(tdim, 0).array.reshape(
-            -1, len(basix.geometry(self.mesh.basix_cell()))
-        )[cells]
-        entities = basix.topology(self.submesh.basix_cell())
-        theirs = submesh.connectivity(tdim - 1, 0).array[: number * len(entities[0])]
-        vertices = self._vertex_map.sub_topology_to_topology(theirs, inverse=False)
-        vertices = vertices.reshape(number, len(entities[0]))
-        local = np.argmax(corners[:, None] == vertices[:, :, None], axis=2)
-        dofs = np.empty(self.S.dofmap.list.shape, dtype=np.int32)
-        for dim, group in enumerate(entities):
-            for i, joined in enumerate(group):
-                for dof in layout.entity_dofs(dim, i):
-                    dofs[:, dof] = dofs_at(V, cells, local[:, joined])
         return dofs
 
 
