@@ -9,9 +9,9 @@ from dolfinx import fem, mesh
 from dolfinx.io import VTXWriter
 
 import fenicsx_friction as ff
+from closed_forms import indentation
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
 from fenicsx_friction.verification.exact import ExactReference
-from closed_forms import indentation
 from models import by_place, gathered, tagged_facets
 from test_closed_forms import inclined_block
 from test_weighted import ball, block, parabola, plane
@@ -126,7 +126,7 @@ def test_profile_and_force_of_a_line_contact(cell, fine_profile):
 
 
 def test_hertz_sphere():
-    """A quarter of a block, 2 and 4 cells on the radius of contact (Johnson 1985, section 4.2(a))."""
+    """A quarter of a block, 2 and 4 cells on the radius of contact (Johnson 1985, 4.2(a))."""
     errors, peaks, deepest = [], [], []
     for n in (2, 4):
         model = indentation(
