@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Contact results as DOLFINx objects on the contact submesh, for any writer."""
 
+import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
@@ -101,8 +102,9 @@ class ContactFields:
         values = np.zeros(num, dtype=np.int32)
         cells = submesh.topology.connectivity(submesh.topology.dim, 0)
         dofs = self.state.function_space.dofmap.list
-        vertices = cells.array.reshape(len(dofs), -1)
-        values[vertices] = np.rint(self.state.x.array[dofs[:, : vertices.shape[1]]])
+        corners = len(basix.geometry(submesh.basix_cell()))
+        vertices = cells.array.reshape(len(dofs), corners)
+        values[vertices] = np.rint(self.state.x.array[dofs[:, :corners]])
         tags = mesh.meshtags(submesh, 0, np.arange(num, dtype=np.int32), values)
         tags.name = "state"
         return tags

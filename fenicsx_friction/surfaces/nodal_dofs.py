@@ -69,7 +69,8 @@ def dofs_on_facets(
     corners = topology.connectivity(tdim, 0).array
     corners = corners.reshape(-1, len(basix.geometry(V.mesh.basix_cell())))[cells]
     theirs = S.mesh.topology.connectivity(tdim - 1, 0).array[: number * len(entities[0])]
-    vertices = vertex_map.sub_topology_to_topology(theirs, inverse=False).reshape(number, -1)
+    vertices = vertex_map.sub_topology_to_topology(theirs, inverse=False)
+    vertices = vertices.reshape(number, len(entities[0]))
     local = np.argmax(corners[:, None] == vertices[:, :, None], axis=2)
     dofs = np.empty((number, size), dtype=np.int32)
     for dim, group in enumerate(entities):
