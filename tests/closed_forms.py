@@ -149,7 +149,7 @@ class Tractions:
 
 def indentation(
     dim: int, n: int, prefix: str, *, mu: float | None = None, nu: float, full_x: bool,
-    far: float, growth: float, crowned: bool = False, degree: int = 1,
+    far: float, growth: float, crowned: bool = False, degree: int = 1, surface_degree: int = 1,
 ) -> Indentation:  # fmt: skip
     """Build the block: ``n`` cells on the nominal half-width 1, symmetry where it holds.
 
@@ -164,6 +164,7 @@ def indentation(
         growth: Growth of the cells away from the contact.
         crowned: The block is curved and the obstacle is a plane, or else the other way round.
         degree: Of the displacement.
+        surface_degree: Of the contact surface.
     """
     side, down = graded(n, 1.25, far, growth), -graded(n, 0.5, far, growth)[::-1]
     x = np.concatenate([-side[:0:-1], side]) if full_x else side
@@ -191,7 +192,8 @@ def indentation(
         bcs.append(fem.dirichletbc(0.0, held, V.sub(k)))
     coefficient = fem.Constant(msh, mu or 0.0)
     friction = ff.Frictionless() if mu is None else ff.Coulomb(coefficient)
-    contact = ff.Contact(ff.ContactSurface(msh, tags, 1), obstacle, friction)
+    surface = ff.ContactSurface(msh, tags, 1, degree=surface_degree)
+    contact = ff.Contact(surface, obstacle, friction)
     problem = ff.FrictionalContactProblem(
         ufl.derivative(stored, u, v), u, contact=contact, bcs=bcs, petsc_options_prefix=prefix
     )

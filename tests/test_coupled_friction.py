@@ -85,5 +85,5 @@ def test_friction_of_an_unknown_without_nodal_values_is_refused():
         bcs=problem.bcs[:1],
         petsc_options_prefix="hot_other_",
     )
-    with pytest.raises(ff.ContactInputError, match="without a dof at each vertex"):
+    with pytest.raises(ff.ContactInputError, match="without a dof at each contact node"):
         other.solve()

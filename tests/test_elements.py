@@ -186,15 +186,16 @@ def pressed_on_a_plane(msh, V):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-@pytest.mark.parametrize("degree", [2, 3])
-def test_a_curved_ring_on_a_cylinder_converges(cell, degree):
+@pytest.mark.parametrize(("degree", "nodes"), [(2, 1), (2, 2), (3, 1)])
+def test_a_curved_ring_on_a_cylinder_converges(cell, degree, nodes):
     """A ring of cells of degree 2, shrunk on a rigid cylinder: Lamé's pressure, of order four."""
-    errors = [ring_on_a_cylinder(cell, n, degree, f"ring_{cell}_{degree}_{n}_") for n in (4, 8)]
+    names = {n: f"ring_{cell}_{degree}_{nodes}_{n}_" for n in (4, 8)}
+    errors = [ring_on_a_cylinder(cell, n, degree, nodes, name) for n, name in names.items()]
     assert errors[1] < 3e-4
     assert errors[1] < errors[0] / 12.0
 
 
-def ring_on_a_cylinder(cell, n, degree, name):
+def ring_on_a_cylinder(cell, n, degree, nodes, name):
     """Return the relative error of the mean pressure in a quarter of a ring, plane strain."""
     inner, outer, excess, E, nu = 1.0, 2.0, 0.01, 1000.0, 0.3
     kind = getattr(mesh.CellType, cell)
@@ -215,7 +216,7 @@ def ring_on_a_cylinder(cell, n, degree, name):
     density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(E, nu))
     held = [fem.locate_dofs_topological(V.sub(k), 1, tags.find(2 + k)) for k in (0, 1)]
     contact = ff.Contact(
-        ff.ContactSurface(msh, tags, 1),
+        ff.ContactSurface(msh, tags, 1, degree=nodes),
         ff.RigidSphere((0.0, 0.0), inner + excess),
         ff.Frictionless(),
     )

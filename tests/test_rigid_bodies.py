@@ -19,7 +19,9 @@ NUMBERS = {2: (16, 8), 3: (6, 6, 3)}
 class Half:
     """A block below y = 0 (z = 0), held at its bottom, under rigid bodies."""
 
-    def __init__(self, name, bodies, d=2, degree=1, mu=0.3, width=1.0, numbers=None, place=None):
+    def __init__(
+        self, name, bodies, d=2, degree=1, mu=0.3, width=1.0, numbers=None, place=None, nodes=1
+    ):
         low, high = (-width,) * (d - 1) + (-1.0,), (width,) * (d - 1) + (0.0,)
         make = mesh.create_rectangle if d == 2 else mesh.create_box
         numbers = numbers or NUMBERS[d]
@@ -36,7 +38,7 @@ class Half:
         self.bodies, obstacles = bodies(msh)
         friction = ff.Coulomb(mu) if mu else ff.Frictionless()
         self.contacts = [
-            ff.Contact(ff.ContactSurface(msh, tags, 1, f"top {i}"), o, friction)
+            ff.Contact(ff.ContactSurface(msh, tags, 1, f"top {i}", degree=nodes), o, friction)
             for i, o in enumerate(obstacles)
         ]
         self.problem = ff.FrictionalContactProblem(
@@ -73,12 +75,12 @@ def platen(msh, **options):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(("d", "degree"), [(2, 1), (2, 2), (3, 1)])
-def test_pressing_by_force_equals_pressing_by_displacement(d, degree):
+@pytest.mark.parametrize(("d", "degree", "nodes"), [(2, 1, 1), (2, 2, 1), (2, 2, 2), (3, 1, 1)])
+def test_pressing_by_force_equals_pressing_by_displacement(d, degree, nodes):
     """With friction and a drag, by turns: the same states, one given by motions, one by forces."""
     up, along = d - 1, "x"
-    given = Half(f"given_{d}{degree}_", ball(d), d, degree)
-    loaded = Half(f"loaded_{d}{degree}_", ball(d), d, degree)
+    given = Half(f"given_{d}{degree}{nodes}_", ball(d), d, degree, nodes=nodes)
+    loaded = Half(f"loaded_{d}{degree}{nodes}_", ball(d), d, degree, nodes=nodes)
     for depth, x in ((0.03, 0.0), (0.05, 0.0), (0.05, 0.01), (0.06, 0.03)):
         given.body.given.value[[0, up]] = x, -depth
         loaded.body.given.value[[0, up]] = x, -depth

@@ -19,6 +19,7 @@ from ..laws.friction import FrictionLaw, Sliding
 from ..obstacles.deformable import DeformableObstacle
 from ..obstacles.kinematics import Array
 from ..obstacles.rigid import RigidObstacle
+from ..surfaces.elements import degree_on_facets
 from ..surfaces.faces import check_surfaces
 from ..surfaces.surface import ContactSurface
 from .contact import Contact
@@ -32,6 +33,7 @@ def check_contact(contact: Contact, u: fem.Function) -> None:
     msh, surface, obstacle = u.function_space.mesh, contact.surface, contact.obstacle
     if surface.mesh is not msh:
         raise ContactInputError(f"Contact surface '{surface.name}' lies on another mesh than u.")
+    _check_degree(surface, u)
     if isinstance(obstacle, DeformableObstacle):
         check_surfaces(surface, obstacle.primary)
     if obstacle.motion is not None and obstacle.motion.mesh is not msh:
@@ -42,6 +44,17 @@ def check_contact(contact: Contact, u: fem.Function) -> None:
     if isinstance(obstacle, RigidObstacle):
         _check_gap(obstacle, surface)
     _check_law(contact.friction, surface)
+
+
+def _check_degree(surface: ContactSurface, u: fem.Function) -> None:
+    """Check that nodes between the vertices are those of the displacement."""
+    found = degree_on_facets(u.function_space)
+    if surface.degree not in (1, found):
+        raise ContactInputError(
+            f"Contact surface '{surface.name}': degree = {surface.degree} needs a displacement of "
+            f"this degree on facets, for its nodes are those of the displacement; it has degree "
+            f"{found}. Leave degree = 1."
+        )
 
 
 def check_normals(contact: Contact) -> None:

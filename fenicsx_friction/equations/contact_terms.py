@@ -29,7 +29,6 @@ from ..obstacles.reaction import body_rows
 from ..obstacles.rigid_body import RigidBody
 from ..obstacles.rigid_pairing import RigidPairing
 from ..surfaces.nodal_kernel import NodalKernel
-from ..surfaces.surface import has_vertex_dofs
 from .blocks import Blocks, Places, derivatives_of
 from .conditions import constrained_dofs, with_conditions
 from .numbering import global_dofs, num_owned
@@ -98,11 +97,11 @@ class ContactTerms:
             found = set(extract_coefficients(expression))
             others = [i for i, f in enumerate(self._others()) if f in found]
             if self._u in found or any(
-                not has_vertex_dofs(self._others()[i].function_space) for i in others
+                not k.surface.has_values_of(self._others()[i].function_space) for i in others
             ):
                 raise ContactInputError(
                     f"The friction law of contact '{k.surface.name}' depends on an unknown without "
-                    "a dof at each vertex, or on the displacement itself; take a continuous "
+                    "a dof at each contact node, or on the displacement itself; take a continuous "
                     "Lagrange space, and what Sliding has of the displacement."
                 )
             by = [k.pairing.field, k.c, *(self._others()[i] for i in others)]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Contact results as DOLFINx objects on the contact submesh, for any writer."""
 
-import basix.ufl
+import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
@@ -54,10 +54,7 @@ class ContactFields:
         self._contact = problem.contacts[0] if contact is None else contact
         self._index = problem.contacts.index(self._contact)
         surface = self._contact.surface
-        element = basix.ufl.element(
-            "Lagrange", surface.submesh.basix_cell(), 1, shape=(surface.mesh.geometry.dim,)
-        )
-        W = fem.functionspace(surface.submesh, element)
+        W = surface.space((surface.mesh.geometry.dim,))
         self.gap = fem.Function(surface.S, name="gap")
         self.pressure = fem.Function(surface.S, name="pressure")
         self.path = fem.Function(surface.S, name="slip_path")
@@ -105,7 +102,9 @@ class ContactFields:
         values = np.zeros(num, dtype=np.int32)
         cells = submesh.topology.connectivity(submesh.topology.dim, 0)
         dofs = self.state.function_space.dofmap.list
-        values[cells.array.reshape(dofs.shape)] = np.rint(self.state.x.array[dofs])
+        corners = len(basix.geometry(submesh.basix_cell()))
+        vertices = cells.array.reshape(len(dofs), corners)
+        values[vertices] = np.rint(self.state.x.array[dofs[:, :corners]])
         tags = mesh.meshtags(submesh, 0, np.arange(num, dtype=np.int32), values)
         tags.name = "state"
         return tags

@@ -13,8 +13,8 @@ THROUGH = (
     "(deformable obstacles) a larger SearchPolicy.reach."
 )
 MISSED = (
-    "are open on average, but the obstacle is deep in the faces round them: it is smaller than "
-    "they are; take a finer mesh, or a displacement of degree 1."
+    "are open, but the obstacle is deep in the faces round them: it is smaller than they are; "
+    "take a finer mesh, or a displacement of degree 1."
 )
 
 

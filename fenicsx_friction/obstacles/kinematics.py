@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import basix.ufl
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -60,10 +59,8 @@ def slices(d: int) -> list[tuple[int, int]]:
 
 def kinematic_field(surface: ContactSurface) -> fem.Function:
     """Return a field for the kinematics of a surface's nodes."""
-    d = surface.mesh.geometry.dim
-    shape = (slices(d)[-1][1],)
-    element = basix.ufl.element("Lagrange", surface.submesh.basix_cell(), 1, shape=shape)
-    return fem.Function(fem.functionspace(surface.submesh, element), name="kinematics")
+    size = slices(surface.mesh.geometry.dim)[-1][1]
+    return fem.Function(surface.space((size,)), name="kinematics")
 
 
 def tangents_of(normal: Expr, first: Sequence[Expr]) -> tuple[Expr, ...]:

@@ -7,6 +7,7 @@ and the normals of entry and exit oppose each other. A node that only cuts a cor
 """
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
@@ -20,6 +21,21 @@ from .side import Side
 SAMPLES = 32
 #: Nodes dive into an obstacle at gaps below this fraction of their facets' size.
 DIVE = 1e-6
+
+
+class Travelling(Protocol):
+    """Nodes, or points beside them, that are on their way through a step."""
+
+    side: Side
+
+    def look(self, start: Array, end: Array) -> Callable[[float], tuple[Array, Array]]:
+        """Return what finds gaps and normals on ways, changing the displacement."""
+
+    def sizes(self) -> Array:
+        """Return the sizes (m) of the facets where the obstacle is met, one a point."""
+
+    def outward(self) -> Array | None:
+        """Return the body's outward normals where open points may be inside the obstacle."""
 
 
 def ways(side: Side, motion: Motion | None) -> tuple[Array, Array]:

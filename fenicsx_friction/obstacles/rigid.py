@@ -14,10 +14,11 @@ from ufl.core.expr import Expr
 from ..base.errors import ContactInputError
 from ..base.validators import instance, vector
 from ..surfaces.elements import nodal_on_facets
+from .all_nodes import AllNodesPairing
 from .kinematics import Array, entries
 from .motion import Motion
 from .obstacle import Mask, Obstacle
-from .passage import through_anything
+from .passage import Travelling, through_anything
 from .rigid_pairing import RigidPairing
 from .side import Side
 from .weighted import WeightedPairing
@@ -45,8 +46,9 @@ class RigidObstacle(Obstacle):
 
     def meet(self, side: Side) -> RigidPairing:
         """Return the pairing of a side's nodes with the obstacle; collective."""
-        weighted = not nodal_on_facets(side.u.function_space)
-        return (WeightedPairing if weighted else RigidPairing)(self, side)
+        if nodal_on_facets(side.u.function_space):
+            return RigidPairing(self, side)
+        return (WeightedPairing if side.surface.degree == 1 else AllNodesPairing)(self, side)
 
     def gap(self, x: Expr) -> Expr:
         """Return the signed distance (m) of the current point ``x``, eq. (1) for any obstacle."""
@@ -103,11 +105,11 @@ class RigidObstacle(Obstacle):
             lengths += np.linalg.norm(self.motion.turned_by()) * np.linalg.norm(x, axis=1)
         return np.asarray(lengths)
 
-    def passed(self, pairing: RigidPairing, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: Travelling, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which open nodes pass through the obstacle on their ways; collective.
 
         Args:
-            pairing: The pairing; the displacement is put back if it is changed.
+            pairing: What travels; the displacement is put back if it is changed.
             start: Where local nodes were (m), carried along by the obstacle.
             end: Where they are (m).
             open_: Owned nodes to be tested.

@@ -15,9 +15,8 @@ from ufl.core.expr import Expr
 from ..base.validators import flag, number, vector
 from .kinematics import Array
 from .obstacle import Mask
-from .passage import through_ball
+from .passage import Travelling, through_ball
 from .rigid import RigidObstacle, check_dimension, middle, unit
-from .rigid_pairing import RigidPairing
 from .side import Side
 
 
@@ -55,7 +54,7 @@ class RigidSphere(RigidObstacle):
         pole = _Pole.at(side.surface.mesh, self.center, self.radius, direction, direction)
         return replace(self, pole=pole)
 
-    def passed(self, pairing: RigidPairing, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: Travelling, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which open nodes pass through the sphere; straight ways leave no socket."""
         if self.inside:
             return np.zeros_like(open_)
@@ -110,7 +109,7 @@ class RigidCylinder(RigidObstacle):
         pole = _Pole.at(side.surface.mesh, self.point, self.radius, direction.tolist(), axis)
         return replace(self, pole=pole)
 
-    def passed(self, pairing: RigidPairing, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: Travelling, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which open nodes pass through the cylinder; straight ways leave no bearing."""
         if self.inside:
             return np.zeros_like(open_)

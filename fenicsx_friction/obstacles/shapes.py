@@ -15,6 +15,7 @@ from ..base.errors import ContactInputError
 from ..base.validators import call, kind, shown, vector
 from .kinematics import Array
 from .obstacle import Mask
+from .passage import Travelling
 from .rigid import RigidObstacle, check_dimension, middle, unit
 from .rigid_pairing import RigidPairing
 from .side import Side
@@ -114,7 +115,7 @@ class RigidPlane(RigidObstacle):
         along = np.sum(abs((normal + turned) * moved))
         return np.asarray(along + np.linalg.norm(turned) * np.linalg.norm(x - foot, axis=1))
 
-    def passed(self, pairing: RigidPairing, start: Array, end: Array, open_: Mask) -> Mask:
+    def passed(self, pairing: Travelling, start: Array, end: Array, open_: Mask) -> Mask:
         """Tell which nodes pass through: none, there is no far side."""
         return np.zeros_like(open_)
 

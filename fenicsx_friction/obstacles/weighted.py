@@ -9,8 +9,6 @@ times multiplier times virtual gap. One law a node remains.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -21,9 +19,10 @@ from ..surfaces.elements import degree_on_facets
 from ..surfaces.face_cells import normals
 from ..surfaces.face_points import FacePoints
 from ..surfaces.face_tables import gauss, lattice
-from ..surfaces.faces import FaceSet, surface_normals
+from ..surfaces.faces import FaceSet
 from ..surfaces.nodal_kernel import NodalKernel, Sites
-from .averaged import DEEP, WEIGHTLESS, Averaged
+from .averaged import WEIGHTLESS, Averaged
+from .between import Between
 from .kinematics import Array, frame_slopes, frames, slices
 from .obstacle import Mask
 from .rigid_pairing import Rigid, RigidPairing
@@ -61,6 +60,7 @@ class WeightedPairing(Averaged, RigidPairing):
         super().__init__(obstacle, side)
         gap, _ = self.near.gap_and_normal(ufl.SpatialCoordinate(side.surface.mesh), side.u)
         self._gaps = NodalKernel(self._nodes, ufl.as_vector([gap]))
+        self._between = Between(obstacle, side, self.points, self._gaps_and_normals)
         self.anchor()
 
     def _axis(self) -> fem.Function:
@@ -143,7 +143,7 @@ class WeightedPairing(Averaged, RigidPairing):
 
     def _depths(self) -> tuple[Array, Array]:
         """Return how deep points and nodes of the faces are in the obstacle (m); collective."""
-        return -self.kernel.values()[:, 0], -self._gaps.values()[:, 0]
+        return self._between.depths(), -self._gaps.values()[:, 0]
 
     def held_depths(self, held: fem.Function) -> Array:
         """Return how deep wholly held nodes of the faces are in the obstacle (m), else ``-inf``."""
@@ -153,10 +153,9 @@ class WeightedPairing(Averaged, RigidPairing):
 
     def missed(self, closed: Mask) -> Mask:
         """Tell which open nodes have faces that the obstacle enters deeply; collective."""
-        deepest = np.zeros(len(closed))
-        for sites, depth in zip((self.points, self._nodes), self._depths(), strict=True):
-            np.maximum.at(deepest, sites.node_of_point, depth)
-        return np.asarray(~closed & (deepest > DEEP * self.side.facet_size()))
+        at_points, at_nodes = self._depths()
+        found = self._between.entered(self.points, at_points, closed)
+        return found | self._between.entered(self._nodes, at_nodes, closed)
 
     def partners(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Return this rank's (blocked) dofs on the surface."""
@@ -164,14 +163,9 @@ class WeightedPairing(Averaged, RigidPairing):
 
     def anchor(self) -> None:
         """Find the mean normals where the body was, carried along by the obstacle; collective."""
-        kept = self.side.u.x.array.copy()
-        try:
-            _, normals = self.look(*self._paths())(0.0)
-            mean = self.points.average(normals)
-            length = np.linalg.norm(mean, axis=1, keepdims=True)
-            self.side.nodal(self.axis)[:] = mean / np.where(length > 0.0, length, 1.0)
-        finally:
-            self.side.u.x.array[:] = kept
+        mean = self.points.average(self._between.normals_at_start())
+        length = np.linalg.norm(mean, axis=1, keepdims=True)
+        self.side.nodal(self.axis)[:] = mean / np.where(length > 0.0, length, 1.0)
         self.axis.x.scatter_forward()
 
     def on_plane(self, still: Mask) -> Mask:
@@ -182,46 +176,14 @@ class WeightedPairing(Averaged, RigidPairing):
         moved = np.zeros((n, self.side.d)) if motion is None else motion.carried(old) - old
         return np.asarray(abs(moved) <= WEIGHTLESS * (1.0 + abs(old)))
 
-    def _paths(self) -> tuple[Array, Array]:
-        """Return where the points start, carried along by the obstacle, and end; collective."""
-        V, points = self.side.u.function_space, self.points
-        X, owned = V.tabulate_dof_coordinates()[:, : self.side.d], points.owned_dofs
-        old, new = (X + f.x.array.reshape(X.shape) for f in (self.side.u_old, self.side.u))
-        motion = self.obstacle.motion
-        old[owned] = old[owned] if motion is None else motion.carried(old[owned])
-        self._step = old[owned] - new[owned]
-        start, end = (points.interpolate(points.gather_all(x)) for x in (old, new))
-        return start, end
-
     def crossed(self, closed: Mask) -> Mask:
         """Tell which open nodes have points that passed right through the obstacle; collective."""
-        points, (start, end) = self.points, self._paths()
-        passed = self.obstacle.passed(self, start, end, ~closed[points.node_of_point])
-        result = np.zeros(len(closed), dtype=bool)
-        result[points.node_of_point[passed]] = True
-        return result
+        return self._between.crossed(closed)
 
-    def sizes(self) -> Array:
-        """Return the sizes (m) of the facets where the obstacle is met, one a point."""
-        return self.side.facet_size()[self.points.node_of_point]
-
-    def outward(self) -> Array:
-        """Return the body's outward normals, one a point."""
-        normals = surface_normals(self.side.surface, self.side.u)
-        return np.asarray(normals[self.points.node_of_point])
-
-    def look(self, start: Array, end: Array) -> Callable[[float], tuple[Array, Array]]:
-        """Return what finds gaps and normals on the ways of the points."""
-        values, owned = self.side.u.x.array.reshape(-1, self.side.d), self.points.owned_dofs
-        end_u, where = values[owned], slice(*slices(self.side.d)[2])
-
-        def at(t: float) -> tuple[Array, Array]:
-            """Go to a point of the ways."""
-            values[owned] = end_u + (1.0 - t) * self._step
-            found = self.kernel.values()
-            return found[:, 0], found[:, where]
-
-        return at
+    def _gaps_and_normals(self) -> tuple[Array, Array]:
+        """Return gaps and normals at the points; collective."""
+        values = self.kernel.values()
+        return values[:, 0], values[:, slice(*slices(self.side.d)[2])]
 
 
 def _check_kinks(side: Side) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from dolfinx import fem
 
 from ..base.errors import ContactInputError
-from ..surfaces.surface import is_nodal
+from ..surfaces.nodal_dofs import is_nodal
 from .condensed_bulk import CondensedBulk
 from .options import SolverOptions
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Quadrature points on the faces round each contact node, with the weights of the node's average.
 
-A node's test function is the hat of its vertex. The average of a quantity over its faces is the sum
+A node's test function is the hat of its vertex, or its own shape function on a surface of degree 2.
+The average of a quantity over its faces is the sum
 over their points, with weights that add up to one. Every rank knows the faces round its own nodes,
 whichever rank has them.
 """
@@ -27,7 +28,7 @@ from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from .elements import is_global
 from .face_tables import FaceTables, Rule
-from .surface import ContactSurface, is_nodal
+from .surface import ContactSurface
 from .surface_dofs import SurfaceDofs
 
 Array = npt.NDArray[np.floating]
@@ -37,29 +38,34 @@ Indices = npt.NDArray[np.int64]
 class FacePoints:
     """The points on the faces round the owned nodes of a surface; collective.
 
-    A *corner* is a face at one of its vertices. Each corner has the points of its face; so a point
-    counts once for each vertex of its face.
+    A *corner* is a face at one of its contact nodes. Each corner has the points of its face; so a
+    point counts once for each node of its face.
 
     Args:
         surface: The contact surface.
         V: Space of the displacement, continuous Lagrange of any degree.
         rule: Points in a facet, and their weights.
+        by_node: Whether fields of the surface have at all points of a node its own value; else they
+            are not known there.
 
     Attributes:
         name, mesh, submesh: Those of the surface.
         x: Reference coordinates of the points (m).
         node: The owned node of each corner.
         share: Weight of each point in the average of its corner's node: (corners, points).
-        area: What the weights were divided by: the integral of each node's hat (m²; m in 2D).
+        area: What the weights were divided by: the integral of each test function (m²; m in 2D).
         shapes: Shape functions of the displacement at the points: (corners, points, dofs).
         stencil: The displacement's dofs round each node, by their place in the order of
             :meth:`gather`, its own first, -1 for none: (nodes, dofs).
         place: Where the dofs of each corner's face are in the stencil: (corners, dofs).
     """
 
-    def __init__(self, surface: ContactSurface, V: fem.FunctionSpace, rule: Rule) -> None:
+    def __init__(
+        self, surface: ContactSurface, V: fem.FunctionSpace, rule: Rule, *, by_node: bool = True
+    ) -> None:
         self.name, self.mesh, self.submesh = surface.name, surface.mesh, surface.submesh
         self._surface, self._V, self._comm = surface, V, surface.mesh.comm
+        self._by_node = by_node
         self._tables = tables = FaceTables(surface, V, rule)
         faces = tables.gathered()
         first, last = surface.S.dofmap.index_map.local_range
@@ -118,7 +124,7 @@ class FacePoints:
             return lambda: np.tile(f.x.array, (self.num_owned, 1))
         if V == self._V:
             return lambda: self.interpolate(self.gather_all(f.x.array))
-        if V.mesh is self.submesh and is_nodal(V):
+        if self._by_node and V.mesh is self.submesh and self._surface.has_values_of(V):
             n, bs, nodes = self._surface.num_owned, V.dofmap.index_map_bs, self.node_of_point
             return lambda: f.x.array.reshape(-1, bs)[:n][nodes]
         return None

@@ -36,7 +36,7 @@ class Faces:
     """Faces of all ranks, one row a face.
 
     Attributes:
-        nodes: Global contact nodes at its vertices.
+        nodes: Global contact nodes on it.
         dofs: Global (blocked) dofs of the displacement on it.
         kind: Its local number in its cell.
         weights: Of its points, with the element of area (m²; m in 2D).
@@ -64,7 +64,7 @@ class FaceTables:
         entities: (cell, local facet) of this rank's faces.
         all_points: The points of all facets, in the cell's coordinates.
         shapes: The displacement's shape functions: (facets, points, dofs on the facet).
-        hats: The shape functions of the vertices: (facets, points, vertices of the facet).
+        hats: The shape functions of the contact nodes: (facets, points, nodes of the facet).
     """
 
     def __init__(self, surface: ContactSurface, V: fem.FunctionSpace, rule: Rule) -> None:
@@ -73,13 +73,11 @@ class FaceTables:
         self.entities = surface.entities.reshape(-1, 2)
         on_facet, self._w = rule
         corners, self._vertices = np.asarray(basix.geometry(cell)), basix.topology(cell)[tdim - 1]
-        self._at_vertex = np.array(
-            [V.dofmap.dof_layout.entity_dofs(0, i)[0] for i in range(len(corners))]
-        )
         layout, scalar = V.dofmap.dof_layout, V.ufl_element().sub_elements[0]
         self._closure = [
             np.array(layout.entity_closure_dofs(tdim - 1, i)) for i in range(len(self._vertices))
         ]
+        at_vertex = np.array([layout.entity_dofs(0, i)[0] for i in range(len(corners))])
         linear = basix.ufl.element("Lagrange", cell, 1)
         shapes, hats = [], []
         self._points, self._axes = [], []
@@ -94,6 +92,9 @@ class FaceTables:
             shapes.append(np.asarray(scalar.tabulate(0, points))[0][:, dofs])
             hats.append(np.asarray(linear.tabulate(0, points))[0][:, vertices])
         self.shapes, self.hats = np.array(shapes), np.array(hats)
+        self._at_nodes = at_vertex[np.array(self._vertices)]
+        if surface.degree > 1:  # all dofs of the displacement are nodes
+            self.hats, self._at_nodes = self.shapes, np.array(self._closure)
         self.all_points = np.concatenate(self._points)
 
     def gathered(self) -> Faces:
@@ -112,9 +113,9 @@ class FaceTables:
         return np.asarray(numbers.reshape(local.shape))
 
     def _nodes(self, cells: npt.NDArray, kind: Indices) -> Indices:
-        """Return the global contact nodes at the vertices of the faces."""
+        """Return the global contact nodes on the faces."""
         S, V = self._surface.S, self._V
-        local = V.dofmap.list[cells[:, None], self._at_vertex[np.array(self._vertices)[kind]]]
+        local = V.dofmap.list[cells[:, None], self._at_nodes[kind]]
         index_map = V.dofmap.index_map
         node = np.full(index_map.size_local + index_map.num_ghosts, -1, dtype=np.int32)
         parents = self._surface.parent_dofs(V)

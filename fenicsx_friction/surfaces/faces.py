@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, mesh
@@ -17,7 +19,8 @@ class FaceSet:
     """Nodes and faces of a contact surface on all ranks, in the order of global node numbers.
 
     A surface is small beside its body. Every rank has the whole surface, so that search and
-    kinematics are local, whichever ranks own the two bodies.
+    kinematics are local, whichever ranks own the two bodies. Where there are nodes between the
+    vertices, each part of a facet between nodes is a face.
 
     Args:
         surface: The surface.
@@ -75,7 +78,7 @@ class FaceSet:
 
 
 def check_surfaces(secondary: ContactSurface, primary: ContactSurface) -> None:
-    """Raise unless two surfaces can meet: of one mesh, of linear cells, apart; collective.
+    """Raise unless two surfaces can meet: of one mesh, of degree 1, apart; collective.
 
     Raises:
         ContactInputError: On all ranks.
@@ -87,6 +90,13 @@ def check_surfaces(secondary: ContactSurface, primary: ContactSurface) -> None:
             f"The primary surface '{primary.name}' lies on another mesh than the secondary surface "
             f"'{secondary.name}': put both bodies into one mesh, which need not be connected."
         )
+    for surface in (secondary, primary):
+        if surface.degree > 1:
+            raise ContactInputError(
+                f"{names} need nodes at the vertices: contact surface '{surface.name}' has degree "
+                f"= {surface.degree}, which only meets rigid obstacles. Leave degree = 1; mortar "
+                "averages over the faces."
+            )
     ours, theirs = (map(tuple, s.entities.reshape(-1, 2)) for s in (secondary, primary))
     if number := msh.comm.allreduce(len(set(ours) & set(theirs))):
         raise ContactInputError(
@@ -107,7 +117,8 @@ def _oriented_faces(surface: ContactSurface) -> npt.NDArray[np.int64]:
     cell = FACE_CELLS[surface.submesh.basix_cell().name]
     if owned == 0:
         return np.zeros((0, cell.nodes), dtype=np.int64)
-    local = surface.S.dofmap.list[:owned]
+    parts = _parts(surface)
+    local = surface.S.dofmap.list[:owned, parts].reshape(-1, cell.nodes)
     corners = surface.S.tabulate_dof_coordinates()[local][..., : msh.geometry.dim]
     facets = surface.entity_map.sub_topology_to_topology(
         np.arange(owned, dtype=np.int32), inverse=False
@@ -116,9 +127,21 @@ def _oriented_faces(surface: ContactSurface) -> npt.NDArray[np.int64]:
     facet_cells = msh.topology.connectivity(tdim - 1, tdim)
     cells = facet_cells.array[facet_cells.offsets[facets]]
     inside = mesh.compute_midpoints(msh, tdim, cells.astype(np.int32))[:, : msh.geometry.dim]
-    normal = normals(cell, corners, np.tile(cell.center, (owned, 1)))
+    inside = np.repeat(inside, len(parts), axis=0)
+    normal = normals(cell, corners, np.tile(cell.center, (len(corners), 1)))
     inward = np.sum(normal * (corners.mean(axis=1) - inside), axis=1) < 0.0
     nodes = surface.S.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
     faces = nodes.reshape(local.shape)
     faces[inward] = faces[inward][:, cell.reverse]
     return faces
+
+
+def _parts(surface: ContactSurface) -> npt.NDArray[np.int64]:
+    """Return the places of the nodes of each linear part of a facet, in DOLFINx's order."""
+    if surface.degree == 1:
+        return np.arange(surface.S.dofmap.list.shape[1])[None]
+    # On a facet of degree 2 a row of the lattice has three nodes.
+    points = surface.S.ufl_element().basix_element.points
+    lattice = np.lexsort(points.T).reshape([3] * points.shape[1])
+    ends = [slice(0, 2), slice(1, 3)]
+    return np.array([lattice[part].ravel() for part in product(ends, repeat=points.shape[1])])

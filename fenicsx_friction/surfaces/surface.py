@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The contact surface: tagged facets, their submesh, multiplier space, nodes and nodal areas."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import basix
@@ -14,55 +16,68 @@ from ufl.core.expr import Expr
 from ..base.compat import exterior_facet_entities
 from ..base.compilation import compiled
 from ..base.errors import ContactInputError
-from ..base.validators import text
+from ..base.validators import integer, text
 from .elements import check_mesh, is_global
 from .facets import checked_facets
+from .nodal_dofs import dofs_on_facets, has_quadratic_dofs, has_vertex_dofs
 
-#: Collocation at the vertices: each contact equation involves one node only.
-VERTEX_RULE = {"quadrature_rule": "vertex", "quadrature_degree": 1}
+#: Collocation at the nodes, by the degree of the surface: each contact equation involves one node
+#: only. The Gauss-Lobatto points of degree 3 are the nodes of degree 2, with Simpson's weights.
+RULES = {
+    1: {"quadrature_rule": "vertex", "quadrature_degree": 1},
+    2: {"quadrature_rule": "GLL", "quadrature_degree": 3},
+}
 
 
 class ContactSurface:
     """Facets of a mesh that may come into contact.
 
-    Contact is collocated at the vertices: the multipliers are continuous P1/Q1 tractions on the
-    submesh of the facets, and the vertex quadrature rule makes every row node-local.
+    Contact is collocated at the nodes: the multipliers are continuous tractions on the submesh of
+    the facets, and a quadrature rule whose points are the nodes makes every row node-local. By
+    default the nodes are the vertices.
 
     Args:
         msh: Mesh of the body (2D or 3D); its cells may be curved.
         facet_tags: Facet tags of ``msh``.
         tag: The tag of the contact facets.
         name: Name used in messages and reports.
+        degree: 1 for nodes at the vertices; 2 for nodes at all dofs of a displacement of degree 2,
+            on the edges of triangles and quadrilaterals and the faces of hexahedra, against rigid
+            obstacles.
 
     Attributes:
+        degree: As given.
         mesh: The mesh of the body.
         submesh: The mesh of the contact facets.
         entity_map: Relates ``submesh`` to ``mesh``.
         entities: (cell, local facet) pairs integrated on this rank.
-        Q: Multiplier space: P1 vectors ``(c_n, c_1[, c_2])`` on the submesh, Pa.
-        S: Scalar P1 space on the submesh.
+        Q: Multiplier space: Lagrange vectors ``(c_n, c_1[, c_2])`` on the submesh, Pa.
+        S: Scalar Lagrange space on the submesh, with one dof a node.
         area: Nodal areas (m² in 3D, m per unit depth in 2D), Function in ``S``.
 
     Raises:
         ContactInputError: If the tag marks no facet, or facets that are not on the boundary, if
-            the tags are those of another mesh, or if contact cannot be solved on the mesh.
+            the tags are those of another mesh, if contact cannot be solved on the mesh, or if
+            shape functions of the degree have no weight at its vertices.
     """
 
     def __init__(
-        self, msh: mesh.Mesh, facet_tags: mesh.MeshTags, tag: int, name: str = "contact"
+        self,
+        msh: mesh.Mesh,
+        facet_tags: mesh.MeshTags,
+        tag: int,
+        name: str = "contact",
+        *,
+        degree: int = 1,
     ) -> None:
         self.mesh, self.name = check_mesh(msh), text(name, "The name of a contact surface")
+        self.degree = _checked_degree(degree, msh, name)
         facets = checked_facets(msh, facet_tags, tag, name)
         self.submesh, self.entity_map, self._vertex_map, _ = mesh.create_submesh(
             msh, msh.topology.dim - 1, facets
         )
         self.entities = exterior_facet_entities(msh, facets)
-        cell = self.submesh.basix_cell()
-        scalar = basix.ufl.element("Lagrange", cell, 1)
-        self.S = fem.functionspace(self.submesh, scalar)
-        self.Q = fem.functionspace(
-            self.submesh, basix.ufl.blocked_element(scalar, shape=(msh.geometry.dim,))
-        )
+        self.S, self.Q = self.space(()), self.space((msh.geometry.dim,))
         self._parent_dofs: list[tuple[fem.FunctionSpace, npt.NDArray[np.int32]]] = []
         self.area = fem.Function(self.S, name="area")
         self.area.x.array[:] = self._assemble(
@@ -81,10 +96,16 @@ class ContactSurface:
                 "the mesh, whose nodes coincide there."
             )
 
+    def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
+        """Return the space of arrays of numbers at the nodes."""
+        cell = self.submesh.basix_cell()
+        element = basix.ufl.element("Lagrange", cell, self.degree, shape=shape)
+        return fem.functionspace(self.submesh, element)
+
     def measure(self, data: list | None = None, tag: int = 1) -> ufl.Measure:
         """Return the collocation measure on the parent mesh (entity ids of ``data``)."""
         data = [(1, self.entities)] if data is None else data
-        ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=data, metadata=VERTEX_RULE)
+        ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=data, metadata=RULES[self.degree])
         return ds(tag)
 
     @property
@@ -102,7 +123,7 @@ class ContactSurface:
         """Global numbers of the owned contact nodes."""
         return np.arange(*self.S.dofmap.index_map.local_range)
 
-    def evaluator(self, expression: Expr) -> "NodalExpression":
+    def evaluator(self, expression: Expr) -> NodalExpression:
         """Return an object that evaluates a UFL expression at the contact nodes."""
         return NodalExpression(self, expression)
 
@@ -111,9 +132,7 @@ class ContactSurface:
         V = f.function_space
         if is_global(V):
             return lambda: np.tile(f.x.array, (self.num_owned, 1))
-        if not (is_nodal(V) if V.mesh is self.submesh else has_vertex_dofs(V)):
-            return None
-        if V.mesh is not self.submesh and V.mesh is not self.mesh:
+        if not self.has_values_of(V):
             return None
         dofs, bs = self.parent_dofs(V)[: self.num_owned], V.dofmap.index_map_bs
         return lambda: f.x.array.reshape(-1, bs)[dofs]
@@ -124,59 +143,44 @@ class ContactSurface:
         vector = fem.assemble_vector(compiled_form)
         return _accumulate(vector, space.dofmap.index_map_bs)
 
+    def has_values_of(self, V: fem.FunctionSpace) -> bool:
+        """Tell whether a space has its value at each node as one (blocked) dof."""
+        if V.mesh is self.submesh:
+            same = V.dofmap.dof_layout.num_dofs == self.S.dofmap.dof_layout.num_dofs
+            dim = self.submesh.topology.dim
+        else:
+            same, dim = V.mesh is self.mesh, self.mesh.topology.dim - 1
+        return same and (has_vertex_dofs(V) if self.degree == 1 else has_quadratic_dofs(V, dim))
+
     def parent_dofs(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-        """Return, for each local contact node, the (blocked) dof of ``V`` at its vertex.
+        """Return, for each local contact node, the (blocked) dof of ``V`` there.
 
         Raises:
-            ContactInputError: If ``V`` is not a Lagrange space with a dof at every vertex.
+            ContactInputError: If ``V`` is not a Lagrange space with a dof at every node.
         """
         for space, dofs in self._parent_dofs:
             if space is V:
                 return dofs
-        if V.mesh is self.submesh and is_nodal(V):
-            return self._own_dofs(V)
-        if V.mesh is not self.mesh or not has_vertex_dofs(V):
+        if not self.has_values_of(V):
             raise ContactInputError(
                 f"Contact surface '{self.name}': the displacement space needs exactly one "
-                f"(blocked) dof at each vertex, its element {V.ufl_element()} has "
-                f"{len(V.dofmap.dof_layout.entity_dofs(0, 0))}. Use a continuous Lagrange space of "
-                "vectors."
+                f"(blocked) dof at each {'vertex' if self.degree == 1 else 'node'}, its element is "
+                f"{V.ufl_element()}. Use a continuous Lagrange space of vectors"
+                f"{'' if self.degree == 1 else f' of degree {self.degree}'}."
             )
-        dofs = self._find_parent_dofs(V)
+        dofs = np.full(len(self.area.x.array), -1, dtype=np.int32)
+        if V.mesh is self.submesh:
+            dofs[self.S.dofmap.list] = V.dofmap.list
+            return dofs
+        dofs[self.S.dofmap.list] = dofs_on_facets(V, self.S, self.entity_map, self._vertex_map)
         self._parent_dofs.append((V, dofs))
         return dofs
-
-    def _own_dofs(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-        """Return the dof of a nodal space of the submesh at each local node."""
-        dofs = np.zeros(len(self.area.x.array), dtype=np.int32)
-        dofs[self.S.dofmap.list] = V.dofmap.list
-        return dofs
-
-    def _find_parent_dofs(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-        """Find the dofs at the vertices, by any cell that has the vertex."""
-        topology, tdim = self.mesh.topology, self.mesh.topology.dim
-        topology.create_connectivity(0, tdim)
-        vertex_cells, cells = topology.connectivity(0, tdim), topology.connectivity(tdim, 0)
-        corners = cells.array.reshape(-1, len(basix.geometry(self.mesh.basix_cell())))
-        facets = self.submesh.topology.connectivity(tdim - 1, 0)
-        shape = self.S.dofmap.list.shape
-        number = int(facets.array.max(initial=-1)) + 1
-        parent = self._vertex_map.sub_topology_to_topology(
-            np.arange(number, dtype=np.int32), inverse=False
-        )
-        vertices = parent[facets.array[: np.prod(shape)].reshape(shape)]
-        cell = vertex_cells.array[vertex_cells.offsets[vertices]]
-        local = np.argmax(corners[cell] == vertices[..., None], axis=-1)
-        layout = [V.dofmap.dof_layout.entity_dofs(0, i)[0] for i in range(corners.shape[1])]
-        dofs = np.full(self.S.dofmap.index_map.size_local + self.S.dofmap.index_map.num_ghosts, -1)
-        dofs[self.S.dofmap.list] = V.dofmap.list[cell, np.array(layout)[local]]
-        return dofs.astype(np.int32)
 
 
 class NodalExpression:
     """Evaluates a UFL expression at the nodes of a contact surface, by collocation.
 
-    The integral of ``expression * q`` with the vertex rule is area times nodal value.
+    The integral of ``expression * q`` with the points of the nodes is area times nodal value.
 
     Args:
         surface: The contact surface.
@@ -185,10 +189,7 @@ class NodalExpression:
 
     def __init__(self, surface: ContactSurface, expression: Expr) -> None:
         self._surface = surface
-        shape = expression.ufl_shape
-        cell = surface.submesh.basix_cell()
-        element = basix.ufl.element("Lagrange", cell, 1, shape=shape)
-        self._space = fem.functionspace(surface.submesh, element)
+        self._space = surface.space(expression.ufl_shape)
         q = ufl.TestFunction(self._space)
         self._form = compiled(fem.form, surface.mesh.comm)(
             ufl.inner(expression, q) * surface.measure(), entity_maps=[surface.entity_map]
@@ -201,17 +202,21 @@ class NodalExpression:
         return values[:n] / self._surface.area.x.array[:n, None]
 
 
-def has_vertex_dofs(V: fem.FunctionSpace) -> bool:
-    """Tell whether a space, not a part of one, has one (blocked) dof at each vertex: its value."""
-    whole = len(V.component()) == 0
-    at_vertex = len(V.dofmap.dof_layout.entity_dofs(0, 0)) == 1
-    return whole and at_vertex and V.dofmap.index_map_bs == np.prod(V.value_shape, dtype=int)
-
-
-def is_nodal(V: fem.FunctionSpace) -> bool:
-    """Tell whether a space has dofs at the vertices only."""
-    corners = len(basix.geometry(V.mesh.basix_cell()))
-    return has_vertex_dofs(V) and V.dofmap.dof_layout.num_dofs == corners
+def _checked_degree(degree: int, msh: mesh.Mesh, name: str) -> int:
+    """Return the degree of a surface, or raise."""
+    integer(degree, f"Contact surface '{name}': degree")
+    if degree not in RULES:
+        raise ContactInputError(
+            f"Contact surface '{name}': degree = {degree} must be 1 (nodes at the vertices) or 2 "
+            "(at all nodes of a displacement of degree 2)."
+        )
+    if degree > 1 and msh.basix_cell() == basix.CellType.tetrahedron:
+        raise ContactInputError(
+            f"Contact surface '{name}': degree = {degree} on the triangles of tetrahedra: there "
+            "the integrals of the vertices' shape functions are zero, so that no forces at the "
+            "nodes balance a pressure. Leave degree = 1, or take hexahedra."
+        )
+    return degree
 
 
 def _accumulate(vector: la.Vector, bs: int) -> npt.NDArray[np.floating]:

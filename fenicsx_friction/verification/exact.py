@@ -74,8 +74,11 @@ class ExactReference:
         law = contact.friction
         if not isinstance(law, Coulomb) or law.cap is not None or law.adhesion != 0.0:
             raise ContactInputError("The exact reference knows Coulomb's law only.")
-        if not nodal_on_facets(problem.u.function_space):
-            raise ContactInputError("The exact reference knows contact at the vertices only.")
+        if contact.surface.degree == 1 and not nodal_on_facets(problem.u.function_space):
+            raise ContactInputError(
+                "The exact reference knows contact at nodes, not on average: take a displacement "
+                "of degree 1, or ContactSurface(..., degree=2) where there is one."
+            )
         if contact.obstacle.motion is not None:
             raise ContactInputError("The exact reference needs an obstacle at rest.")
         self._problem, self._contact = problem, contact
