@@ -33,7 +33,7 @@ def check_sides(contact: Contact) -> None:
     """
     view = contact.pairing.view(contact.pairing.side.u)
     n, d = contact.surface.num_owned, contact.surface.mesh.geometry.dim
-    touch = TOUCH * contact.surface.area.x.array[:n] ** (1.0 / (d - 1))
+    touch = TOUCH * contact.surface.size.x.array[:n] ** (1.0 / (d - 1))
     at, wrong = view.gap <= touch, view.cosine > ALONG
     comm = contact.surface.mesh.comm
     total, facing, bad, behind = comm.allreduce(

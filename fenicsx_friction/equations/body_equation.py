@@ -87,6 +87,12 @@ def check_held(body: RigidBody, contacts: Sequence[Contact]) -> None:
     Raises:
         ContactInputError: Names the components that nothing holds.
     """
+    for k in contacts:
+        if k.pairing.body is body and k.surface.axisymmetric and set(body.free) - {"y"}:
+            raise ContactInputError(
+                f"Rigid body '{body.name}' is free in {', '.join(body.free)}, but the surface "
+                f"'{k.surface.name}' is axisymmetric: it can only move along the axis, in y."
+            )
     loose = body.released & (body.spring.value == 0.0)
     touching = False
     for k in contacts:

@@ -18,7 +18,8 @@ class ContactReport:
         open: Number of open nodes.
         stick: Number of sticking nodes.
         slip: Number of slipping nodes.
-        force: Contact force on the body in global axes (N, per unit depth in 2D).
+        force: Contact force on the body in global axes (N, per unit depth in 2D). Of rings, the
+            radial one is the integral of radial tractions, whose resultant vanishes.
         moment: Moment of the contact force about the origin (N m), about ``z`` alone in 2D.
         dissipation: Frictional work of the step (J), each node's at least zero.
         penetration: Largest penetration of a point (m): of the nodes; for displacements with dofs

@@ -19,6 +19,8 @@ def total(contact: Contact, state: NodalState) -> ContactReport:
     counts = np.bincount(state.states()[state.takes_part], minlength=3)
     x, forces = contact.pairing.acting()
     force, moment = forces.sum(axis=0), _moment(x, forces)
+    if contact.surface.axisymmetric:
+        moment *= 0.0
     work = -np.einsum("i,ij,ij->", state.area, state.c[:, 1:], state.slip)
     sums = np.array([*counts, *force, *moment, work])
     sums = contact.surface.mesh.comm.allreduce(sums, MPI.SUM)
@@ -44,6 +46,8 @@ def totals_of_bodies(
         own = [report for k, report in pairs if k.pairing.body is body]
         force = -np.sum([report.force for report in own], axis=0)
         about_origin = -np.sum([report.moment for report in own], axis=0)
+        if any(k.surface.axisymmetric for k in contacts if k.pairing.body is body):
+            force[0] = 0.0  # radial tractions of a ring have no resultant
         center = body.center + body.translated()
         moment = about_origin - _moment(center[None], force[None])
         parts = (body.translated(), body.rotation(), force, moment)

@@ -5,11 +5,13 @@ These are conveniences; any UFL residual of the displacement serves as well. 2D 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from ufl.core.expr import Expr
+from ufl.domain import extract_domains
 
 from ..base.errors import ContactInputError
 from ..base.validators import flag, instance, integer, number, shown
@@ -50,21 +52,36 @@ class Elastic:
         return self.E / (3.0 * (1.0 - 2.0 * self.nu))
 
 
-def small_strain_energy(u: Expr, material: Elastic) -> tuple[Expr, Expr]:
-    """Return the deviatoric and the volumetric energy density (Pa) of Hooke's law."""
-    strain = ufl.sym(_strain_gradient(u, material))
+def small_strain_energy(
+    u: Expr, material: Elastic, *, axisymmetric: bool = False
+) -> tuple[Expr, Expr]:
+    """Return the deviatoric and the volumetric energy density (Pa) of Hooke's law.
+
+    Args:
+        u: Displacement.
+        material: The constants.
+        axisymmetric: A mesh in 2D is the half-plane of a body of revolution, x the radius.
+    """
+    strain = ufl.sym(_strain_gradient(u, material, axisymmetric))
     trace = ufl.tr(strain)
     # The deviator is the three-dimensional one, in plane strain too.
     deviatoric = material.shear_modulus * (ufl.inner(strain, strain) - trace**2 / 3.0)
     return deviatoric, material.bulk_modulus / 2.0 * trace**2
 
 
-def neo_hooke_energy(u: Expr, material: Elastic) -> tuple[Expr, Expr]:
+def neo_hooke_energy(
+    u: Expr, material: Elastic, *, axisymmetric: bool = False
+) -> tuple[Expr, Expr]:
     """Return the isochoric and the volumetric energy density (Pa, reference volume).
 
     ``G/2 (J^(-2/3) tr C - 3)`` and ``K/2 (log J)^2``; plane strain in 2D.
+
+    Args:
+        u: Displacement.
+        material: The constants.
+        axisymmetric: A mesh in 2D is the half-plane of a body of revolution, x the radius.
     """
-    gradient = _strain_gradient(u, material)
+    gradient = _strain_gradient(u, material, axisymmetric)
     dim = gradient.ufl_shape[0]
     F = ufl.Identity(dim) + gradient
     J = ufl.det(F)
@@ -74,7 +91,12 @@ def neo_hooke_energy(u: Expr, material: Elastic) -> tuple[Expr, Expr]:
 
 
 def stored_energy(
-    density: tuple[Expr, Expr], dx: ufl.Measure, *, degree: int | None = None, bbar: bool = False
+    density: tuple[Expr, Expr],
+    dx: ufl.Measure,
+    *,
+    degree: int | None = None,
+    bbar: bool = False,
+    axisymmetric: bool = False,
 ) -> ufl.Form:
     """Integrate an energy; its derivative is the internal residual.
 
@@ -87,6 +109,7 @@ def stored_energy(
         bbar: Integrate the volumetric part with one point a cell, which is the mean-dilatation
             (B-bar) element of Simo, Taylor and Pister (1985) on parallelogram quadrilaterals and
             parallelepiped hexahedra, and its one-point form on distorted ones.
+        axisymmetric: Integrate over full rings, see :func:`circumference`.
 
     Raises:
         ContactInputError: If the degree is too small: cells would deform without energy.
@@ -109,8 +132,34 @@ def stored_energy(
                     f"degree = {degree} is too small for {element}: its cells could deform without "
                     f"energy (hourglass modes). Leave it out, or give {exact_degree(element)}."
                 )
+    if flag(axisymmetric, "axisymmetric"):
+        around = 2.0 * np.pi * _radius(_domain(deviatoric))
+        deviatoric, volumetric = around * deviatoric, around * volumetric
     volumetric_dx = dx(degree=1) if bbar else dx(degree=degree)
     return deviatoric * dx(degree=degree) + volumetric * volumetric_dx
+
+
+def circumference(msh: mesh.Mesh) -> Expr:
+    """Return the length ``2 pi r`` of the ring through each point of a half-plane (m), in UFL.
+
+    Multiply the measures of the loads of an axisymmetric body by it.
+
+    Args:
+        msh: Mesh in 2D, x the radius and y the axis.
+    """
+    instance(msh, mesh.Mesh, "msh", "the mesh of a half-plane")
+    return 2.0 * np.pi * _radius(msh)
+
+
+def _radius(domain: Any) -> Expr:
+    """Return the radius (m) of points of a half-plane."""
+    return ufl.SpatialCoordinate(domain)[0]
+
+
+def _domain(expression: Expr) -> Any:
+    """Return the mesh of an expression."""
+    (domain,) = extract_domains(expression)
+    return domain
 
 
 def _scalar_density(value: object) -> Expr:
@@ -120,7 +169,7 @@ def _scalar_density(value: object) -> Expr:
     return value
 
 
-def _strain_gradient(u: object, material: object) -> Expr:
+def _strain_gradient(u: object, material: object, axisymmetric: bool) -> Expr:
     """Return the gradient of a displacement, or raise unless it is one of an elastic body."""
     instance(material, Elastic, "material", "bulk.Elastic(E, nu)")
     displacement = instance(u, Expr, "u", "the displacement, a UFL vector")
@@ -130,7 +179,13 @@ def _strain_gradient(u: object, material: object) -> Expr:
             f"u has shape {displacement.ufl_shape}; a displacement has as many components as its "
             "mesh has dimensions, 2 or 3."
         )
-    return gradient
+    if not flag(axisymmetric, "axisymmetric"):
+        return gradient
+    if gradient.ufl_shape != (2, 2):
+        raise ContactInputError("axisymmetric=True needs a displacement (u_r, u_z) in 2D.")
+    hoop = displacement[0] / _radius(_domain(displacement))
+    (a, b), (c, d) = ([gradient[i, j] for j in range(2)] for i in range(2))
+    return ufl.as_matrix([[a, b, 0.0], [c, d, 0.0], [0.0, 0.0, hoop]])
 
 
 def _value(value: object) -> object:

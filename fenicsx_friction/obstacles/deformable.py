@@ -32,7 +32,7 @@ class DeformableObstacle(Obstacle):
         primary: The primary surface, on the same mesh.
         search: How far surfaces see each other, see ``SearchPolicy``.
         method: ``"mortar"``, ``"node-to-face"``, or ``None``: node to face where the faces match at
-            the start and have dofs at their vertices only, else mortar.
+            the start and have dofs at their vertices only, or are rings, else mortar.
         close_gaps: Gaps and overlaps of the undeformed bodies up to this (m) count as closed: what
             a node has there is subtracted from its gap for good. No node of the mesh is moved, so
             walls stay as thick as they are (see ``close_initial_gaps``). Without it, gaps are
@@ -71,19 +71,31 @@ class DeformableObstacle(Obstacle):
             ContactInputError: If node to face is wanted of a displacement with dofs on edges or
                 faces.
         """
+        self._check_rings(side.surface)
         policy, nodal = self.search or SearchPolicy(), nodal_on_facets(side.u.function_space)
         if self.method == "node-to-face" and not nodal:
             raise ContactInputError(
                 f"The displacement, of {side.u.function_space.ufl_element()}, has dofs on edges or "
                 'facets; method="node-to-face" needs P1, Q1 or MINI. Take method="mortar".'
             )
-        method = self.method
+        method = "node-to-face" if side.surface.axisymmetric else self.method
         if method is None:
             method = "node-to-face" if nodal and self._matches(side, policy) else "mortar"
         pairing = METHODS[method](self.primary, policy, side)
         if self.close_gaps is not None:
             pairing.close_gaps(self.close_gaps)
         return pairing
+
+    def _check_rings(self, secondary: ContactSurface) -> None:
+        """Raise unless both surfaces are axisymmetric, or none, and node to face is possible."""
+        names = f"'{secondary.name}' and '{self.primary.name}'"
+        if secondary.axisymmetric != self.primary.axisymmetric:
+            raise ContactInputError(f"Of the surfaces {names} only one is axisymmetric.")
+        if secondary.axisymmetric and self.method == "mortar":
+            raise ContactInputError(
+                f"The surfaces {names} are axisymmetric: mortar does not weigh with the radius; "
+                'take method="node-to-face".'
+            )
 
     def _matches(self, side: Side, policy: SearchPolicy) -> bool:
         """Tell whether the faces of both surfaces match; collective."""

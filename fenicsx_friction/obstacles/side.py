@@ -52,4 +52,4 @@ class Side:
     def facet_size(self) -> Array:
         """Return the size of the facets round each owned node (m)."""
         n = self.surface.num_owned
-        return np.asarray(self.surface.area.x.array[:n] ** (1.0 / (self.d - 1)))
+        return np.asarray(self.surface.size.x.array[:n] ** (1.0 / (self.d - 1)))

@@ -28,6 +28,7 @@ from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from .elements import is_global
 from .face_tables import FaceTables, Rule
+from .rings import circumferences
 from .surface import ContactSurface
 from .surface_dofs import SurfaceDofs
 
@@ -76,6 +77,8 @@ class FacePoints:
         kind = faces.kind[self._face]
         self.shapes = tables.shapes[kind]
         weights = tables.hats[kind, :, corner] * faces.weights[self._face]
+        if surface.axisymmetric:
+            weights *= circumferences(faces.x[self._face])
         self.area = np.bincount(self.node, weights.sum(axis=1), minlength=surface.num_owned)
         self.share = weights / self.area[self.node][:, None]
         d = self.mesh.geometry.dim

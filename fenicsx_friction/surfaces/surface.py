@@ -16,10 +16,12 @@ from ufl.core.expr import Expr
 from ..base.compat import exterior_facet_entities
 from ..base.compilation import compiled
 from ..base.errors import ContactInputError
-from ..base.validators import integer, text
+from ..base.validators import flag, integer, text
+from ..laws.bulk import circumference
 from .elements import check_mesh, is_global
 from .facets import checked_facets
 from .nodal_dofs import dofs_on_facets, has_quadratic_dofs, has_vertex_dofs
+from .rings import ROUNDING, check_rings
 
 #: Collocation at the nodes, by the degree of the surface: each contact equation involves one node
 #: only. The Gauss-Lobatto points of degree 3 are the nodes of degree 2, with Simpson's weights.
@@ -44,16 +46,20 @@ class ContactSurface:
         degree: 1 for nodes at the vertices; 2 for nodes at all dofs of a displacement of degree 2,
             on the edges of triangles and quadrilaterals and the faces of hexahedra, against rigid
             obstacles.
+        axisymmetric: The mesh is a half-plane, x the radius and y the axis. Forces and areas are
+            those of the full ring, as in residuals whose measures are multiplied by ``2 pi r``,
+            see ``bulk.circumference``.
 
     Attributes:
-        degree: As given.
+        degree, axisymmetric: As given.
         mesh: The mesh of the body.
         submesh: The mesh of the contact facets.
         entity_map: Relates ``submesh`` to ``mesh``.
         entities: (cell, local facet) pairs integrated on this rank.
         Q: Multiplier space: Lagrange vectors ``(c_n, c_1[, c_2])`` on the submesh, Pa.
         S: Scalar Lagrange space on the submesh, with one dof a node.
-        area: Nodal areas (m² in 3D, m per unit depth in 2D), Function in ``S``.
+        area: Nodal areas (m² in 3D and of rings, m per unit depth in 2D), Function in ``S``.
+        size: Area without the circumference of rings, Function in ``S``.
 
     Raises:
         ContactInputError: If the tag marks no facet, or facets that are not on the boundary, if
@@ -69,6 +75,7 @@ class ContactSurface:
         name: str = "contact",
         *,
         degree: int = 1,
+        axisymmetric: bool = False,
     ) -> None:
         self.mesh, self.name = check_mesh(msh), text(name, "The name of a contact surface")
         self.degree = _checked_degree(degree, msh, name)
@@ -79,21 +86,35 @@ class ContactSurface:
         self.entities = exterior_facet_entities(msh, facets)
         self.S, self.Q = self.space(()), self.space((msh.geometry.dim,))
         self._parent_dofs: list[tuple[fem.FunctionSpace, npt.NDArray[np.int32]]] = []
-        self.area = fem.Function(self.S, name="area")
-        self.area.x.array[:] = self._assemble(
-            ufl.TestFunction(self.S) * self.measure(), self.S
-        ).reshape(-1)
+        self.axisymmetric = flag(axisymmetric, f"Contact surface '{name}': axisymmetric")
+        self.size = self._integral(self.measure())
+        self.area = self.size
+        if axisymmetric:
+            check_rings(msh, name)
+            self.area = self._integral(self.measure(exact=True), circumference(msh))
         self._check_area()
+
+    def _integral(self, measure: ufl.Measure, weight: Expr | float = 1.0) -> fem.Function:
+        """Return the integrals of the shape functions of the nodes."""
+        result = fem.Function(self.S, name="area")
+        form = weight * ufl.TestFunction(self.S) * measure
+        result.x.array[:] = self._assemble(form, self.S).ravel()
+        return result
 
     def _check_area(self) -> None:
         """Raise on all ranks unless every node has an area; collective."""
-        empty = self.x[~(self.area.x.array[: self.num_owned] > 0.0)]
+        least = ROUNDING * self.size.x.array[: self.num_owned]
+        empty = self.x[~(self.area.x.array[: self.num_owned] > least)]
         found = [part for part in self.mesh.comm.allgather(empty.tolist()) if part]
         if found:
             where = ", ".join(f"{value:.6g}" for value in found[0][0])
             raise ContactInputError(
-                f"Contact surface '{self.name}': the facets at node ({where}) have no area; mend "
-                "the mesh, whose nodes coincide there."
+                f"Contact surface '{self.name}': the facets at node ({where}) have no area; "
+                + (
+                    "rings of degree 2 have none on the axis: leave degree = 1."
+                    if self.axisymmetric
+                    else "mend the mesh, whose nodes coincide there."
+                )
             )
 
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
@@ -102,11 +123,11 @@ class ContactSurface:
         element = basix.ufl.element("Lagrange", cell, self.degree, shape=shape)
         return fem.functionspace(self.submesh, element)
 
-    def measure(self, data: list | None = None, tag: int = 1) -> ufl.Measure:
-        """Return the collocation measure on the parent mesh (entity ids of ``data``)."""
-        data = [(1, self.entities)] if data is None else data
-        ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=data, metadata=RULES[self.degree])
-        return ds(tag)
+    def measure(self, *, exact: bool = False) -> ufl.Measure:
+        """Return the measure on the parent mesh: of collocation, or an exact one."""
+        rule = {} if exact else RULES[self.degree]
+        data = [(1, self.entities)]
+        return ufl.Measure("ds", domain=self.mesh, subdomain_data=data, metadata=rule)(1)
 
     @property
     def num_owned(self) -> int:
@@ -199,7 +220,7 @@ class NodalExpression:
         """Return the values at the owned nodes, one row a node."""
         n = self._surface.num_owned
         values = _accumulate(fem.assemble_vector(self._form), self._space.dofmap.index_map_bs)
-        return values[:n] / self._surface.area.x.array[:n, None]
+        return values[:n] / self._surface.size.x.array[:n, None]
 
 
 def _checked_degree(degree: int, msh: mesh.Mesh, name: str) -> int:

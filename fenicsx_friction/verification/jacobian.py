@@ -72,7 +72,7 @@ def check_jacobian(
 
 def _facet_size(problem: FrictionalContactProblem) -> float:
     """Return the size of the smallest facet (m); collective."""
-    local = min(np.min(k.surface.area.x.array, initial=np.inf) for k in problem.contacts)
+    local = min(np.min(k.surface.size.x.array, initial=np.inf) for k in problem.contacts)
     dim = problem.u.function_space.mesh.topology.dim
     return float(problem.comm.allreduce(local, MPI.MIN)) ** (1.0 / (dim - 1))
 
