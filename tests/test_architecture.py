@@ -21,8 +21,8 @@ ROOMS = (
     "solvers",
     "increment",
     "problem",
-    "loading",
     "files",
+    "loading",
     "verification",
 )
 MODULE, FUNCTION = 250, 50
