@@ -20,6 +20,7 @@ from .failures import Inaccurate, StepperFailed, explain
 from .progress import find_terminal, step_progress
 from .record import FailedAttempt, StepRecord
 from .relaxation import ViscousRelaxation
+from .results import Results
 from .resumption import PathCheckpoint
 from .step_size import StepSize
 from .step_solver import SolvedStep, StepSolver
@@ -60,6 +61,7 @@ class LoadStepper:
         update: Called after each solved step, rejected ones included, to change ``history``.
         audit: Audits each accepted step.
         events: File for the events, see :class:`~fenicsx_friction.loading.events.EventLog`.
+        results: Writes each step, see :class:`~fenicsx_friction.loading.results.Results`.
         relaxation: Used where the smallest step fails. The problem's residual must contain its
             residual, see :class:`~fenicsx_friction.loading.relaxation.ViscousRelaxation`.
         checkpoint: File that holds the state after each step, with ``error`` after each two halves.
@@ -93,6 +95,7 @@ class LoadStepper:
         update: Callable[[], None] | None = None,
         audit: EnergyAudit | None = None,
         events: str | os.PathLike[str] | None = None,
+        results: Results | None = None,
         relaxation: ViscousRelaxation | None = None,
         checkpoint: str | os.PathLike[str] | None = None,
         progress: bool = True,
@@ -111,6 +114,8 @@ class LoadStepper:
         if relaxation is not None:
             instance(relaxation, ViscousRelaxation, "relaxation", "a ViscousRelaxation(u)")
             relaxation.check(problem)
+        if results is not None:
+            instance(results, Results, "results", "Results(problem, folder)").check(problem)
         flag(progress, "progress")
         self.problem, self.time, self.end = problem, float(start), float(end)
         self._solver = StepSolver(problem, loads, update, functions, audit, relaxation)
@@ -120,7 +125,7 @@ class LoadStepper:
             self._resume(self._checkpoint)
         self._start = self.time
         self._log = None if events is None else EventLog(events, problem)
-        self._solved: list[SolvedStep] = []
+        self._results, self._solved = results, list[SolvedStep]()
         self._terminal = find_terminal() if progress and problem.comm.rank == 0 else None
 
     def __iter__(self) -> Iterator[StepRecord]:
@@ -214,6 +219,8 @@ class LoadStepper:
         self._before = self.problem.accepted
         if self._log is not None:
             self._log.write(events)
+        if self._results is not None:
+            self._results.write(self.time, solved.report, energy)
         if self._checkpoint is not None and not self._solved:
             self._checkpoint.write(self.time, self._size.next)
         return StepRecord(
