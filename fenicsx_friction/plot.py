@@ -8,10 +8,8 @@ the picture is drawn off screen and saved. In notebooks, take what is returned.
 
 from __future__ import annotations
 
-import csv
 import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +17,7 @@ import numpy.typing as npt
 
 from .base.errors import ContactInputError
 from .certificate.nodal_state import STATE_NAMES
-from .files.series import file_name
-from .loading.results import BULK, TABLE
+from .files.reading import BULK, fields, nodes_of, table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,41 +27,6 @@ Folder = str | os.PathLike[str]
 Array = npt.NDArray[Any]
 #: Colours of the states open, stick and slip.
 COLOURS = ("lightgrey", "tab:blue", "tab:red")
-
-
-def table(folder: Folder) -> dict[str, Array]:
-    """Return the columns of the table of results, numbers but for the names of the contacts.
-
-    Energies that were not audited are NaN.
-    """
-    path = Path(folder) / TABLE
-    _require(path)
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    columns = {name: [row[name] or "nan" for row in rows] for name in (rows[0] if rows else ())}
-    return {k: np.array(v, dtype=None if k == "contact" else float) for k, v in columns.items()}
-
-
-def fields(folder: Folder, name: str = BULK, step: int = -1) -> Any:
-    """Return the fields of one written step as a ``pyvista.UnstructuredGrid``.
-
-    Cells that ranks share are there once, points on each of them. ``node`` numbers the nodes.
-
-    Args:
-        folder: Folder of the results.
-        name: The bulk, or the name of a contact surface; of several contacts with one name, the
-            later ones are ``name_2`` and so on.
-        step: Index of the step among those written, the last one by default.
-    """
-    import pyvista
-
-    path = Path(folder) / f"{file_name(name)}.pvd"
-    _require(path)
-    reader = pyvista.PVDReader(str(path))
-    reader.set_active_time_value(reader.time_values[step])
-    grid = reader.read()[0]
-    grid.point_data["node"] = grid.point_data["vtkOriginalPointIds"]  # kept, unlike those
-    return grid.extract_cells(np.flatnonzero(grid.cell_data["vtkGhostType"] == 0))
 
 
 def contact_line(
@@ -86,7 +48,7 @@ def contact_line(
     """
     grid = fields(folder, name, step)
     axis = int(np.argmax(np.ptp(grid.points, axis=0)))
-    nodes = _nodes(grid)
+    nodes = nodes_of(grid)
     order = nodes[np.argsort(grid.points[nodes, axis])]
     x, state = grid.points[order, axis], np.rint(grid["state"][order]).astype(int)
     pressure, tangential = grid["pressure"][order], grid["tangential_traction"][order, axis]
@@ -160,7 +122,7 @@ def contact_map(
     _look(plotter, grid)
     plotter.subplot(0, 1)
     _draw(plotter, grid, color="white")
-    nodes = _nodes(grid)
+    nodes = nodes_of(grid)
     state = np.rint(grid["state"][nodes]).astype(int)
     for k, colour in enumerate(COLOURS):
         if np.any(chosen := state == k):
@@ -223,11 +185,6 @@ def _look(plotter: Plotter, grid: Any) -> None:
     plotter.camera.zoom(0.9)
 
 
-def _nodes(grid: Any) -> Array:
-    """Return the points of a grid, those that several ranks wrote once."""
-    return np.unique(grid["node"], return_index=True)[1]
-
-
 def _axes(ax: Axes | None) -> Axes:
     """Return given axes or new ones."""
     if ax is not None:
@@ -249,11 +206,3 @@ def _shot(plotter: Plotter, file: Folder | None) -> Plotter:
     if file is not None:
         plotter.screenshot(str(file))
     return plotter
-
-
-def _require(path: Path) -> None:
-    """Raise unless there is such a file of results."""
-    if not path.exists():
-        raise ContactInputError(
-            f"folder: there is no '{path}'; give the folder of ff.Results after its first step."
-        )

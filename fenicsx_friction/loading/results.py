@@ -13,14 +13,12 @@ from ..base.errors import ContactInputError
 from ..base.validators import instance, number
 from ..files.bulk_fields import BulkFields
 from ..files.fields import ContactFields
+from ..files.reading import BULK, TABLE
 from ..files.series import FieldSeries, file_name
 from ..files.step_table import StepTable
 from ..increment.report import ContactReport, StepReport
 from ..problem import FrictionalContactProblem
 from .energy import EnergyBalance
-
-#: The table, and the series of the bulk, in the folder.
-TABLE, BULK = "contacts.csv", "bulk"
 
 
 class Results:
