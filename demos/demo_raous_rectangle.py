@@ -80,6 +80,7 @@ from fenicsx_friction import (
     ContactSurface,
     Coulomb,
     FrictionalContactProblem,
+    Results,
     RigidPlane,
     StepFailed,
     StepSettings,
@@ -250,18 +251,19 @@ def symmetry_reaction(problem: FrictionalContactProblem) -> float:
 
 
 def solve_history(
-    block: Block, exact: Exact | None, options: Options, fields: results.Fields
+    block: Block, exact: Exact | None, options: Options
 ) -> tuple[list[results.Increment], str]:
     """Solve increment by increment; return the accepted ones and why it ended early, if it did."""
     problem = block.problem
     increments: list[results.Increment] = []
+    files = Results(problem, options.output)
     for factors in terminal.track(options.history):
         block.load(options, factors)
         try:
             report = problem.solve()
         except StepFailed as failure:
             return increments, str(failure)
-        fields.write(report.step)
+        files.write(report.step, report)
         increments.append(
             results.Increment(
                 factors,
@@ -365,8 +367,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     terminal.say_problem(options, comm.size)
     block = create_problem(comm, options, "raous_")
     exact = Exact(options) if comm.rank == 0 else None
-    with results.Fields(block.problem, options.output) as fields:
-        increments, failure = solve_history(block, exact, options, fields)
+    increments, failure = solve_history(block, exact, options)
     if increments:
         cells = results.gather_cells(block.problem.u)
         if comm.rank == 0:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the Raous rectangle writes: contact line, points, zones, ``summary.json``, fields."""
+"""What the Raous rectangle writes: contact line, points, zones, ``summary.json``."""
 
 import csv
 import json
@@ -7,11 +7,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, has_adios2, io
+from dolfinx import fem
 
 from fenicsx_friction import OPEN, SLIP, STICK, Contact, FrictionalContactProblem, StepReport
 from fenicsx_friction.certificate.nodal_state import NodalState
@@ -184,59 +183,6 @@ def write_contact_lines(path: Path, increments: Iterable[Increment]) -> None:
             for *numbers, state in zip(*columns, line.state, strict=True):
                 row = [f"{plain(number):.12g}" for number in numbers]
                 table.writerow([increment.report.step, *row, STATE_NAMES[int(state)]])
-
-
-class Fields:
-    """VTX files for ParaView, one time a step: ``u`` on the block, tractions on the base.
-
-    Args:
-        problem: The contact problem.
-        folder: Where to write.
-    """
-
-    def __init__(self, problem: FrictionalContactProblem, folder: Path) -> None:
-        self._problem = problem
-        (self._contact,) = problem.contacts
-        surface, comm = self._contact.surface, problem.comm
-        self._traction = fem.Function(surface.Q, name="contact_traction_Pa")
-        names = ("c_n_Pa", "c_t_Pa", "gap_m", "state")
-        self._scalars = [fem.Function(surface.S, name=name) for name in names]
-        problem.u.name = "displacement_m"
-        files = {
-            "displacement.bp": [problem.u],
-            "contact_traction.bp": [self._traction],
-            "contact_scalars.bp": self._scalars,
-        }
-        self._writers = [
-            io.VTXWriter(comm, folder / name, functions)
-            for name, functions in files.items()
-            if has_adios2
-        ]
-
-    def write(self, step: int) -> None:
-        """Write the last accepted step; collective."""
-        (state,) = self._problem.accepted
-        n = self._contact.surface.num_owned
-        self._traction.x.array[: 2 * n] = self._contact.nodal_traction().ravel()
-        values = (state.c[:, 0], state.c[:, 1], state.gap, state.states())
-        for function, nodal in zip(self._scalars, values, strict=True):
-            function.x.array[:n] = nodal
-        for function in (self._traction, *self._scalars):
-            function.x.scatter_forward()
-        for writer in self._writers:
-            writer.write(float(step))
-
-    def __enter__(self) -> "Fields":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        for writer in self._writers:
-            writer.close()
 
 
 def gather_cells(u: fem.Function) -> tuple[Array, Array] | None:

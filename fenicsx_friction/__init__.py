@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Exact frictional contact for DOLFINx: stick predictor, slip corrector, certificate."""
 
-from . import laws
+from . import laws, plot
 from .base.errors import CheckpointError, ContactInputError, OutOfMemory, StepFailed
 from .certificate.certificate import Certificate
 from .certificate.nodal_state import OPEN, SLIP, STICK
@@ -24,6 +24,7 @@ from .loading.events import Event, EventLog
 from .loading.failures import StepperFailed
 from .loading.record import FailedAttempt, StepRecord
 from .loading.relaxation import ViscousRelaxation
+from .loading.results import Results
 from .loading.stepper import LoadStepper
 from .obstacles.adjust import close_initial_gaps
 from .obstacles.deformable import DeformableObstacle
@@ -69,6 +70,7 @@ __all__ = [
     "OtherSolution",
     "OutOfMemory",
     "PermanentStick",
+    "Results",
     "RigidBody",
     "RigidCylinder",
     "RigidMotion",
@@ -88,6 +90,7 @@ __all__ = [
     "check_jacobian",
     "close_initial_gaps",
     "laws",
+    "plot",
     "read_checkpoint",
     "write_checkpoint",
 ]

@@ -21,10 +21,13 @@ ROOMS = (
     "solvers",
     "increment",
     "problem",
-    "loading",
     "files",
+    "loading",
     "verification",
+    "plot",
 )
+#: Rooms of one file.
+FILES = ("problem", "plot")
 MODULE, FUNCTION = 250, 50
 TESTS, TEST_FILE = Path(__file__).parent, 400
 
@@ -40,7 +43,7 @@ def modules():
 
 def imports(name, tree, known):
     """Return the modules of the package that a module imports, for types only or not."""
-    package = name.split(".") if name in ROOMS and name != "problem" else name.split(".")[:-1]
+    package = name.split(".") if name in ROOMS and name not in FILES else name.split(".")[:-1]
     found = set()
     for node in ast.walk(tree):
         if not isinstance(node, ast.ImportFrom) or node.level == 0:

@@ -84,17 +84,21 @@ def test_raous_refuses_wrong_options(arguments, tmp_path):
     assert str(arguments[1]) in done.stderr
 
 
-def test_the_example_of_the_readme_runs(tmp_path):
+def test_the_examples_of_the_readme_run(tmp_path, monkeypatch):
+    """The example, and the path that continues it."""
+    monkeypatch.chdir(tmp_path)
     readme = (DEMOS.parent / "README.md").read_text()
-    code = readme.split("```python\n")[1].split("```")[0]
+    blocks = [part.split("```")[0] for part in readme.split("```python\n")[1:]]
     script = tmp_path / "example.py"
-    script.write_text(code)
+    script.write_text("\n".join(blocks[:2]))
     done = run(script)
     assert done.returncode == 0, done.stdout + done.stderr
     lines = done.stdout.splitlines()
     assert len(lines) == 4
     assert lines[0].startswith("stick")
     assert "stick  0, slip 63" in lines[2]  # dragged: everything slips
+    assert {"states.png", "force.png", "deformed.png"} <= {path.name for path in tmp_path.iterdir()}
+    assert [row["step"] for row in rows(tmp_path / "block" / "contacts.csv")][-1] == "14"
 
 
 def test_custom_friction_law_quick_matches_its_closed_form(tmp_path):

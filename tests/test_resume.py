@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import fenicsx_friction as ff
-from fenicsx_friction.loading import events
+from fenicsx_friction.files import step_table
 from fenicsx_friction.loading.step_size import StepSize
 from models import raous
 
@@ -200,9 +200,9 @@ def test_an_append_is_all_or_nothing(tmp_path, monkeypatch):
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (8, old[1]))
         with pytest.raises(OSError):
-            events._append(path, b"half of it\n")
+            step_table.append(path, b"half of it\n")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, old)
     assert path.read_bytes() == b"whole\n"
-    events._append(path, b"next\n")
+    step_table.append(path, b"next\n")
     assert path.read_bytes() == b"whole\nnext\n"

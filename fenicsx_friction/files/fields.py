@@ -37,6 +37,7 @@ class ContactFields:
         traction: Contact traction on the body in global axes (Pa).
         tangential: Its tangential part (Pa).
         slip: Slip increment of the step in global axes (m).
+        displacement: Displacement of the nodes (m), to warp the surface by.
     """
 
     def __init__(self, problem: FrictionalContactProblem, contact: Contact | None = None) -> None:
@@ -63,6 +64,7 @@ class ContactFields:
         self.traction = fem.Function(W, name="traction")
         self.tangential = fem.Function(W, name="tangential_traction")
         self.slip = fem.Function(W, name="slip")
+        self.displacement = fem.Function(W, name="displacement")
 
     @property
     def scalars(self) -> list[fem.Function]:
@@ -72,7 +74,7 @@ class ContactFields:
     @property
     def vectors(self) -> list[fem.Function]:
         """The vector fields."""
-        return [self.traction, self.tangential, self.slip]
+        return [self.traction, self.tangential, self.slip, self.displacement]
 
     def update(self) -> None:
         """Take the values of the last accepted step; collective.
@@ -93,6 +95,7 @@ class ContactFields:
         _set(self.traction, traction)
         _set(self.tangential, traction - pressure[:, None] * normals)
         _set(self.slip, contact.slip_increment)
+        _set(self.displacement, contact.pairing.side.owned(self._problem.u_old.x.array))
 
     def state_tags(self) -> mesh.MeshTags:
         """Return the states as tags of the submesh's vertices: 0 open, 1 stick, 2 slip."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,8 +84,37 @@ class EnergyAudit:
         form = compiled(fem.form, problem.comm)
         self._stored = form(lifted_form(stored))
         self._loads = None if loads is None else form(lifted_form(loads))
-        self._u, self._step = problem.u.x.array.copy(), problem.num_steps
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin at the present state and loads; what came before is not audited; collective."""
+        self._u, self._step = self._problem.u.x.array.copy(), self._problem.num_steps
         self._energy, self._forces, self._contact = self._evaluate()
+
+    def kept(self) -> list[fem.Function]:
+        """Return external and contact forces (N) at the state audited last, for a checkpoint."""
+        V, found = self._problem.u.function_space, []
+        for name, values in (("external_forces", self._forces), ("contact_forces", self._contact)):
+            function = fem.Function(V, name=name)
+            function.x.array[: len(values)] = values
+            found.append(function)
+        return found
+
+    def resume(self, kept: Sequence[fem.Function]) -> None:
+        """Begin at the present state, in which the forces were kept; collective.
+
+        They do not follow from it: pairs of deformable bodies are those of the step before.
+        """
+        self.restart()
+        owned = len(self._forces)
+        self._forces, self._contact = (f.x.array[:owned].copy() for f in kept)
+
+    def check(self, problem: FrictionalContactProblem) -> None:
+        """Raise a ContactInputError unless it audits the problem."""
+        if self._problem is not problem:
+            raise ContactInputError(
+                f"audit = {self!r} is one of another problem; give EnergyAudit(problem, ...)."
+            )
 
     def update(self) -> EnergyBalance:
         """Balance the step accepted since the last call; collective.

@@ -1,20 +1,16 @@
 # SPDX-License-Identifier: MIT
 """Events: nodes that open, stick or slip where they did not in the step before."""
 
-import csv
-import io
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ..base.atomic_file import read_regular, replace_file
-from ..base.collective import on_first_rank
-from ..base.errors import ContactInputError
 from ..base.validators import instance
 from ..certificate.nodal_state import OPEN, STATE_NAMES, NodalState
+from ..files.step_table import StepTable
 from ..problem import FrictionalContactProblem
 
 
@@ -84,20 +80,12 @@ class EventLog:
         instance(problem, FrictionalContactProblem, "problem", "a FrictionalContactProblem")
         if not isinstance(path, str):
             instance(path, os.PathLike, "events", "the name of a file")
-        self.path, self._comm = Path(path), problem.comm
-        self._columns = ["step", "node", "x", "from", "to"]
+        columns = ["step", "node", "x", "from", "to"]
         if len(problem.contacts) > 1:
-            self._columns.append("contact")
-        self._pending: list[list[object]] = []
-
-        def start() -> None:
-            """Write the header, and below it the rows of the steps that were made."""
-            rows: list[list[object]] = [[*self._columns]]
-            if problem.num_steps > 0 and self.path.exists():
-                rows += self._rows_until(problem.num_steps)
-            replace_file(self.path, _csv(rows))
-
-        self._on_first_rank(start)
+            columns.append("contact")
+        self._width = len(columns)
+        self._table = StepTable(Path(path), columns, problem.comm, "events")
+        self._table.start(problem.num_steps + 1)
 
     def write(self, events: Sequence[Event]) -> None:
         """Append events; collective.
@@ -110,54 +98,4 @@ class EventLog:
             [e.step, e.node, " ".join(f"{x:.10g}" for x in e.x), e.before, e.after, e.contact]
             for e in events
         ]
-        self._pending += [row[: len(self._columns)] for row in rows]
-        if self._pending:
-            self._on_first_rank(lambda: _append(self.path, _csv(self._pending)))
-            self._pending = []
-
-    def _rows_until(self, step: int) -> list[list[object]]:
-        """Return the rows of the steps up to one; the last line may be cut off."""
-        with read_regular(self.path) as file:
-            lines = file.read().decode()
-        rows = list(csv.reader(io.StringIO(lines[: lines.rfind("\n") + 1], newline="")))
-        if rows and rows[0] != self._columns:
-            raise ContactInputError(
-                f"events = '{self.path}' is no event log of this problem: it begins with {rows[0]},"
-                f" not {self._columns}. Give another name, or remove the file."
-            )
-        return [[*row] for row in rows[1:] if int(row[0]) <= step]
-
-    def _on_first_rank(self, work: Callable[[], None]) -> None:
-        """Do work with the file; turn its errors into a ContactInputError."""
-
-        def named() -> None:
-            try:
-                work()
-            except ContactInputError:
-                raise
-            except (OSError, ValueError, IndexError, csv.Error) as error:
-                raise ContactInputError(
-                    f"events = '{self.path}' cannot be written or continued: {error}. Give the "
-                    "name of a file in a folder that exists and has room."
-                ) from error
-
-        on_first_rank(self._comm, named)
-
-
-def _csv(rows: Iterable[Sequence[object]]) -> bytes:
-    """Return rows as the bytes of a CSV file."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()
-
-
-def _append(path: Path, content: bytes) -> None:
-    """Append to a file: the whole content or nothing."""
-    with path.open("ab", buffering=0) as file:
-        size = file.seek(0, os.SEEK_END)
-        try:
-            while content:
-                content = content[file.write(content) :]
-        except OSError:
-            file.truncate(size)
-            raise
+        self._table.write([row[: self._width] for row in rows])

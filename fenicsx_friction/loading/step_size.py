@@ -60,6 +60,26 @@ class StepSize:
         self._check()
         self._stops = self._inside(stops)
 
+    def resume(self, time: float, size: float | None) -> None:
+        """Go on from a time on the path, or beyond it: stops up to there are past.
+
+        Args:
+            time: Where the last accepted step ended.
+            size: The size of the next step, as it was then; by default that of the first one.
+
+        Raises:
+            ContactInputError: If the time is before the start.
+        """
+        if time < self._start - self._rounding:
+            raise ContactInputError(
+                f"The path has gone to time {time:.10g} only, which is before its start, "
+                f"{self._start:.10g}: make the steps up to there first."
+            )
+        self._stops = [t for t in self._stops if t > time + self._rounding]
+        # Whoever begins where an earlier path ended takes the size of the first step.
+        if size is not None and time > self._start + self._rounding:
+            self.next = min(max(size, self.smallest), self._largest)
+
     def is_over(self, time: float) -> bool:
         """Tell whether a time is the end, up to rounding."""
         return time >= self._end - self._rounding

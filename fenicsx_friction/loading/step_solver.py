@@ -109,7 +109,7 @@ class StepSolver:
                 states.clear()
             states.append(self.snapshot())
 
-        self._apply(goal)
+        self.apply(goal)
         self.problem.dt.value = np.asarray(goal - begin)
         with self.watch.watching():
             report, increments = self.relaxation.settle(self.problem, accepted)
@@ -118,7 +118,7 @@ class StepSolver:
     def audited(self, solved: SolvedStep) -> EnergyBalance | None:
         """Go through the increments of a solved step again, if it has several, and add them up."""
         if solved.states:
-            self._apply(solved.time)
+            self.apply(solved.time)
         kept = None if self._audit is None else dict(vars(self._audit))
         balances = []
         try:
@@ -148,7 +148,7 @@ class StepSolver:
         """
         try:
             if together:
-                self._apply(time)
+                self.apply(time)
             else:
                 self.loads(time)
         finally:
@@ -157,7 +157,7 @@ class StepSolver:
     def _advance(self, begin: float, end: float) -> SolvedStep:
         """Set the loads of ``end`` and solve."""
         problem = self.problem
-        self._apply(end)
+        self.apply(end)
         problem.dt.value = np.asarray(end - begin)
         settings = problem.settings
         try:
@@ -169,7 +169,7 @@ class StepSolver:
         self._updated()
         return SolvedStep(end, end - begin, report)
 
-    def _apply(self, time: float) -> None:
+    def apply(self, time: float) -> None:
         """Set the loads; an exception on one rank is one on all."""
         on_all_ranks(self.problem.comm, lambda: self.loads(time))
 

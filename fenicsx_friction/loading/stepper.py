@@ -10,7 +10,7 @@ from dolfinx import fem
 
 from ..base.callbacks import check_callable
 from ..base.collective import on_all_ranks
-from ..base.errors import ContactInputError, StepFailed
+from ..base.errors import StepFailed
 from ..base.validators import flag, instance, instances
 from ..increment.snapshot import ProblemSnapshot
 from ..problem import FrictionalContactProblem
@@ -20,6 +20,8 @@ from .failures import Inaccurate, StepperFailed, explain
 from .progress import find_terminal, step_progress
 from .record import FailedAttempt, StepRecord
 from .relaxation import ViscousRelaxation
+from .results import Results
+from .resumption import PathCheckpoint
 from .step_size import StepSize
 from .step_solver import SolvedStep, StepSolver
 
@@ -34,12 +36,10 @@ class LoadStepper:
 
     A step is cut when it fails or is not certified, and grows after easy ones. Nothing of a
     rejected step remains: loads are set back by ``loads(time)``, all else bit for bit. A path that
-    starts at its end has no steps, so that one script serves to begin and to resume::
+    is at its end has no steps. With a checkpoint, one script serves to begin and to go on after an
+    interrupt, as if there had been none::
 
-        file = Path("run.h5")
-        start = ff.read_checkpoint(file, problem)["time"] if file.exists() else 0.0
-        for record in LoadStepper(problem, loads, start=start, end=1.0, step=0.1, stops=[0.5]):
-            ff.write_checkpoint(file, problem, {"time": record.time})
+        stepper = LoadStepper(problem, loads, end=1.0, step=0.1, checkpoint="run.h5")
 
     An exception of ``loads`` or ``update`` on one rank is raised on all.
 
@@ -52,7 +52,7 @@ class LoadStepper:
         step: Size of the first step.
         smallest: Smallest step to be tried after a cut; a thousandth of ``step`` by default.
         largest: Largest step; by default ``step``, and with ``error`` the whole path if longer.
-        stops: Times that steps must end at exactly, beside ``end``; those up to ``start`` are past.
+        stops: Times that steps must end at exactly, beside ``end``; those that are past do nothing.
         error: Control by step doubling: each step is made once whole and once in two halves, whose
             tractions may differ by this much, relative to the largest of the step. The halves are
             accepted.
@@ -61,8 +61,13 @@ class LoadStepper:
         update: Called after each solved step, rejected ones included, to change ``history``.
         audit: Audits each accepted step.
         events: File for the events, see :class:`~fenicsx_friction.loading.events.EventLog`.
+        results: Writes each step, see :class:`~fenicsx_friction.loading.results.Results`.
         relaxation: Used where the smallest step fails. The problem's residual must contain its
             residual, see :class:`~fenicsx_friction.loading.relaxation.ViscousRelaxation`.
+        checkpoint: File that holds the state after each step, with ``error`` after each two halves.
+            If it exists, problem, ``history`` and ``audit`` are filled from it, and the path goes
+            on there with the size of step that was next. Beyond ``end`` it has no steps: paths may
+            follow each other with one file.
         progress: Show the progress on a terminal, if rich is installed.
 
     Attributes:
@@ -70,6 +75,7 @@ class LoadStepper:
 
     Raises:
         ContactInputError: On all ranks, for an argument that is not possible.
+        CheckpointError: On all ranks, if the checkpoint cannot be used, or at a step, written.
     """
 
     def __init__(
@@ -89,7 +95,9 @@ class LoadStepper:
         update: Callable[[], None] | None = None,
         audit: EnergyAudit | None = None,
         events: str | os.PathLike[str] | None = None,
+        results: Results | None = None,
         relaxation: ViscousRelaxation | None = None,
+        checkpoint: str | os.PathLike[str] | None = None,
         progress: bool = True,
     ) -> None:
         instance(problem, FrictionalContactProblem, "problem", "a FrictionalContactProblem")
@@ -101,17 +109,23 @@ class LoadStepper:
         if update is not None:
             check_callable(update, "update")
         if audit is not None:
-            _check_audit(audit, problem)
+            instance(audit, EnergyAudit, "audit", "an EnergyAudit of the problem").check(problem)
         functions = instances(history, fem.Function, "history", "fem.Functions")
         if relaxation is not None:
             instance(relaxation, ViscousRelaxation, "relaxation", "a ViscousRelaxation(u)")
             relaxation.check(problem)
+        if results is not None:
+            instance(results, Results, "results", "Results(problem, folder)").check(problem)
         flag(progress, "progress")
         self.problem, self.time, self.end = problem, float(start), float(end)
-        self._start = self.time
         self._solver = StepSolver(problem, loads, update, functions, audit, relaxation)
+        self._checkpoint = None
+        if checkpoint is not None:
+            self._checkpoint = PathCheckpoint(checkpoint, problem, functions, audit)
+            self._resume(self._checkpoint)
+        self._start = self.time
         self._log = None if events is None else EventLog(events, problem)
-        self._solved: list[SolvedStep] = []
+        self._results, self._solved = results, list[SolvedStep]()
         self._terminal = find_terminal() if progress and problem.comm.rank == 0 else None
 
     def __iter__(self) -> Iterator[StepRecord]:
@@ -142,6 +156,12 @@ class LoadStepper:
     def run(self) -> list[StepRecord]:
         """Make all steps and return their records."""
         return list(self)
+
+    def _resume(self, checkpoint: PathCheckpoint) -> None:
+        """Go on where the checkpoint was written, if there is one."""
+        if (found := checkpoint.read(self._solver.apply, self.end)) is not None:
+            self.time, size = found
+            self._size.resume(self.time, size)
 
     def _solve(self, last: ProblemSnapshot) -> list[SolvedStep]:
         """Try ever smaller steps; return the solved one, or its halves."""
@@ -199,6 +219,10 @@ class LoadStepper:
         self._before = self.problem.accepted
         if self._log is not None:
             self._log.write(events)
+        if self._results is not None:
+            self._results.write(self.time, solved.report, energy)
+        if self._checkpoint is not None and not self._solved:
+            self._checkpoint.write(self.time, self._size.next)
         return StepRecord(
             solved.time,
             solved.step,
@@ -221,12 +245,3 @@ class LoadStepper:
         cycling = [] if isinstance(failure, Inaccurate) else self._solver.watch.lines()
         message = explain(failure, failed, last, cycling)
         raise StepperFailed(message, failure.report, self.time, failed) from failure
-
-
-def _check_audit(audit: EnergyAudit, problem: FrictionalContactProblem) -> None:
-    """Refuse what is no audit, or one of another problem."""
-    instance(audit, EnergyAudit, "audit", "an EnergyAudit of the problem")
-    if audit._problem is not problem:
-        raise ContactInputError(
-            f"audit = {audit!r} is one of another problem; give EnergyAudit(problem, ...)."
-        )

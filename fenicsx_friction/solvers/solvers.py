@@ -148,6 +148,14 @@ class Solvers:
         if self._boundary.equations.bulk.is_condensed:
             self._boundary.equations.bulk.recover()
 
+    def begin_anew(self) -> None:
+        """Forget what an iterative solver has learnt: a resumed run does not know it.
+
+        Factors stay: they do not depend on the steps before.
+        """
+        if self.full.multigrid is not None:
+            self.full.multigrid.forget()
+
     def discard(self) -> None:
         """Forget all that may be incomplete after an error."""
         self.now = self.full  # an interrupt may have come before it was put back
