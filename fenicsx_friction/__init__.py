@@ -26,6 +26,9 @@ from .loading.record import FailedAttempt, StepRecord
 from .loading.relaxation import ViscousRelaxation
 from .loading.results import Results
 from .loading.stepper import LoadStepper
+from .meshes.gmsh_model import read_gmsh
+from .meshes.joining import join_meshes
+from .meshes.named_mesh import NamedMesh
 from .obstacles.adjust import close_initial_gaps
 from .obstacles.deformable import DeformableObstacle
 from .obstacles.motion import RigidMotion
@@ -66,6 +69,7 @@ __all__ = [
     "ImplicitObstacle",
     "JacobianReport",
     "LoadStepper",
+    "NamedMesh",
     "OrthotropicCoulomb",
     "OtherSolution",
     "OutOfMemory",
@@ -89,8 +93,10 @@ __all__ = [
     "bulk",
     "check_jacobian",
     "close_initial_gaps",
+    "join_meshes",
     "laws",
     "plot",
     "read_checkpoint",
+    "read_gmsh",
     "write_checkpoint",
 ]

@@ -14,6 +14,7 @@ ROOMS = (
     "base",
     "laws",
     "surfaces",
+    "meshes",
     "obstacles",
     "certificate",
     "contact",
