@@ -74,6 +74,23 @@ def test_raous_follows_a_history_with_unloading(tmp_path):
     assert len(summary["steps"]) == 5
 
 
+def test_a_wheel_rolls_and_spins(tmp_path):
+    done = run(DEMOS / "demo_rolling.py", "--output", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "At 1.02 mu P R the wheel spins. Rigid body 'wheel' is free in y, rz" in done.stdout
+    lines = rows(tmp_path / "bodies.csv")
+    rolled = next(line for line in lines if float(line["time"]) == 8.0)
+    assert float(rolled["rotation_z"]) == pytest.approx(-0.04 / 0.3, rel=0.01)
+    assert abs(float(rolled["force_x"])) < 1e-3 * 20e3  # it rolls without a force
+    driven = lines[-1]
+    assert float(driven["force_y"]) == pytest.approx(20e3, rel=1e-9)
+    assert float(driven["moment_z"]) == pytest.approx(-0.98 * 0.4 * 20e3 * 0.3, rel=1e-9)
+    assert float(driven["force_x"]) * 0.3 == pytest.approx(float(driven["moment_z"]), rel=0.01)
+    assert all(
+        (tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("tractions", "ground")
+    )
+
+
 @pytest.mark.parametrize(
     "arguments",
     [("--mu", -1), ("--nx", 0), ("--nu", 0.5), ("--path", "missing.csv"), ("--element", "q2")],

@@ -14,21 +14,28 @@ from .series import file_name
 
 Folder = str | os.PathLike[str]
 Array = npt.NDArray[Any]
-#: The table, and the series of the bulk, in the folder of results.
-TABLE, BULK = "contacts.csv", "bulk"
+#: The tables, and the series of the bulk, in the folder of results.
+TABLE, BODIES, BULK = "contacts.csv", "bodies.csv", "bulk"
 
 
-def table(folder: Folder) -> dict[str, Array]:
-    """Return the columns of the table of results, numbers but for the names of the contacts.
+def table(folder: Folder, name: str = TABLE) -> dict[str, Array]:
+    """Return the columns of a table of results, numbers but for names.
 
     Energies that were not audited are NaN.
+
+    Args:
+        folder: Folder of the results.
+        name: ``contacts.csv``, or ``bodies.csv`` of rigid bodies that carry loads.
     """
-    path = Path(folder) / TABLE
+    path = Path(folder) / name
     _require(path)
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     columns = {name: [row[name] or "nan" for row in rows] for name in (rows[0] if rows else ())}
-    return {k: np.array(v, dtype=None if k == "contact" else float) for k, v in columns.items()}
+    return {
+        k: np.array(v, dtype=None if k in ("contact", "body") else float)
+        for k, v in columns.items()
+    }
 
 
 def fields(folder: Folder, name: str = BULK, step: int = -1) -> Any:

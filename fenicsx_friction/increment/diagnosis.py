@@ -116,12 +116,12 @@ def _advice(report: StepReport, bodies: Sequence[RigidBody]) -> list[str]:
             "A linear solve failed or displacements went out of bounds: is the body held, by bcs "
             "or by contact that touches?"
         )
-        advice += [
-            f"Rigid body '{body.name}' is free in {', '.join(body.free)}: does contact, friction "
-            "or a spring hold these?"
-            for body in bodies
-            if body.free
-        ]
+    advice += [
+        f"Rigid body '{body.name}' is free in {', '.join(body.free)}: does contact, friction "
+        "or a spring hold these?"
+        for body in bodies
+        if body.free
+    ]
     failures = Counter(s.failure for s in report.substeps if s.failure)
     advice += [f"The linear solver failed {n} times: {text}." for text, n in failures.items()]
     if any("NAN" in reason for reason in reasons):

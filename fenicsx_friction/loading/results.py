@@ -13,10 +13,10 @@ from ..base.errors import ContactInputError
 from ..base.validators import instance, number
 from ..files.bulk_fields import BulkFields
 from ..files.fields import ContactFields
-from ..files.reading import BULK, TABLE
+from ..files.reading import BODIES, BULK, TABLE
 from ..files.series import FieldSeries, file_name
 from ..files.step_table import StepTable
-from ..increment.report import ContactReport, StepReport
+from ..increment.report import BodyReport, ContactReport, StepReport
 from ..problem import FrictionalContactProblem
 from .energy import EnergyBalance
 
@@ -33,7 +33,8 @@ class Results:
     surface, the :class:`~fenicsx_friction.ContactFields`; ParaView and pyvista open them.
     ``contacts.csv`` has a row for each step and contact: states, force (N), moment (N m),
     frictional work (J), penetration (m), iterations, the certificate's relative residual, and, with
-    an audit, the energies (J) of the step of the whole problem.
+    an audit, the energies (J) of the step of the whole problem. ``bodies.csv`` has the translation
+    (m), rotation (rad), force (N) and moment (N m) of each :class:`~fenicsx_friction.RigidBody`.
 
     All files can be read at any moment. The first step that is written drops what they hold of this
     and later steps: a run that goes on from a checkpoint continues them, a new one begins anew.
@@ -68,7 +69,10 @@ class Results:
         comm = problem.comm
         on_first_rank(comm, self._make_folder)
         d = problem.u.function_space.mesh.geometry.dim
-        self._table = StepTable(self.folder / TABLE, _columns(d), comm, "folder")
+        self._tables = [StepTable(self.folder / TABLE, _columns(d), comm, "folder")]
+        if problem.bodies:
+            columns = _columns_of_bodies(d)
+            self._tables.append(StepTable(self.folder / BODIES, columns, comm, "folder"))
         names = _names([BULK, *(k.surface.name for k in problem.contacts)])
         self._series = [FieldSeries(self.folder, name, comm) for name in names]
         self._started = False
@@ -94,7 +98,8 @@ class Results:
         number(time, "time")
         instance(report, StepReport, "report", "the StepReport of the last accepted step")
         if not self._started:
-            self._table.start(report.step)
+            for table in self._tables:
+                table.start(report.step)
             for series in self._series:
                 series.start(report.step)
             self._started = True
@@ -104,7 +109,10 @@ class Results:
         parts = [self._bulk.functions, *(k.scalars + k.vectors for k in self._contacts)]
         for series, functions in zip(self._series, parts, strict=True):
             series.write(report.step, time, functions)
-        self._table.write([_row(time, report, k, energy) for k in report.contacts])
+        rows = [[_row(time, report, k, energy) for k in report.contacts]]
+        rows.append([_row_of_body(time, report, body) for body in report.bodies])
+        for file, found in zip(self._tables, rows, strict=False):
+            file.write(found)
 
     def _make_folder(self) -> None:
         """Make the folder, or say why it cannot be used."""
@@ -126,6 +134,19 @@ def _columns(d: int) -> list[str]:
         *("frictional_work", "penetration", "iterations", "certificate"),
         *("external_work", "stored", "dissipation", "defect"),
     ]
+
+
+def _columns_of_bodies(d: int) -> list[str]:
+    """Return the columns of the table of rigid bodies in 2D or 3D."""
+    axes, turns = "xyz"[:d], "xyz" if d == 3 else "z"
+    parts = (("translation", axes), ("rotation", turns), ("force", axes), ("moment", turns))
+    return ["step", "time", "body", *(f"{part}_{x}" for part, xs in parts for x in xs)]
+
+
+def _row_of_body(time: float, report: StepReport, body: BodyReport) -> list[object]:
+    """Return the row of a rigid body in a step."""
+    values = (*body.translation, *body.rotation, *body.force, *body.moment)
+    return [report.step, float(time), body.name, *values]
 
 
 def _row(
