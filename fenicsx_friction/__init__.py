@@ -5,6 +5,7 @@ from . import laws, plot
 from .base.errors import CheckpointError, ContactInputError, OutOfMemory, StepFailed
 from .certificate.certificate import Certificate
 from .certificate.nodal_state import OPEN, SLIP, STICK
+from .contact.bonds import release, tie
 from .contact.contact import Contact
 from .files.checkpoint import read_checkpoint, write_checkpoint
 from .files.fields import ContactFields
@@ -98,5 +99,7 @@ __all__ = [
     "plot",
     "read_checkpoint",
     "read_gmsh",
+    "release",
+    "tie",
     "write_checkpoint",
 ]

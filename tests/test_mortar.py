@@ -77,7 +77,7 @@ def test_patch_test_with_skewed_quadrilaterals_converges():
     for n in (2, 4):
         model = blocks(
             "hexahedron", 2.0, f"skewed_{n}_", upper=(n + n // 2, n + n // 2, 1), lower=(n, n, 1),
-            nu=0.0, energy="small", warp=tilted(3, 0.3, 0.3, 0.1),
+            nu=0.0, energy="small", warp=tilted(3, 0.3, 0.3, 0.15),
         )  # fmt: skip
         model.move(0.0, 0.0, -0.002)
         model.problem.solve()

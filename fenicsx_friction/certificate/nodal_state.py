@@ -27,6 +27,7 @@ class NodalState:
         free: False for the prescribed directions; a node with a prescribed normal is no
             contact node.
         own_map: ``|R_t|`` (Pa) of a law that states no cone, by its own residual, or ``None``.
+        bonded: Nodes that neither open nor slide, whatever they carry; ``None`` for none.
     """
 
     gap: Array
@@ -37,6 +38,12 @@ class NodalState:
     area: Array
     free: npt.NDArray[np.bool_]
     own_map: Array | None = None
+    bonded: npt.NDArray[np.bool_] | None = None
+
+    @property
+    def ties(self) -> npt.NDArray[np.bool_]:
+        """Nodes that are bonded."""
+        return np.zeros(len(self.gap), dtype=bool) if self.bonded is None else self.bonded
 
     @property
     def takes_part(self) -> npt.NDArray[np.bool_]:
@@ -51,6 +58,7 @@ class NodalState:
     def natural_map(self) -> tuple[Array, Array]:
         """Return the natural-map residuals ``R_n`` and ``|R_t|`` of each node (Pa)."""
         normal = self.c[:, 0] - np.maximum(self.c[:, 0] - self.r * self.gap, 0.0)
+        normal = np.where(self.ties, self.r * self.gap, normal)
         length = np.linalg.norm(self.trial, axis=1)
         outside = length > self.limit
         shrink = np.divide(self.limit, length, out=np.ones_like(length), where=outside)
@@ -61,7 +69,7 @@ class NodalState:
 
     def states(self) -> npt.NDArray[np.int8]:
         """Return OPEN, STICK or SLIP of each node."""
-        closed = self.c[:, 0] - self.r * self.gap >= 0.0
+        closed = (self.c[:, 0] - self.r * self.gap >= 0.0) | self.ties
         slips = np.linalg.norm(self.trial, axis=1) >= self.limit
         return np.where(closed & self.takes_part, np.where(slips, SLIP, STICK), OPEN).astype(
             np.int8

@@ -79,8 +79,8 @@ def _violations(state: NodalState) -> Array:
     rows = [
         normal,
         tangential,
-        -state.gap,
-        -c_n * part,
+        np.where(state.ties, abs(state.gap), -state.gap),
+        -c_n * (part & ~state.ties),
         abs(c_n * state.gap) * part,
         (c_t - state.limit) * part,
         abs(alignment) * part,

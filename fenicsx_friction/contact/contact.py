@@ -42,6 +42,7 @@ class Contact:
         slipping: 1 at the nodes where the corrector uses the slip rows (15), else 0.
         accepted: Nodal values of the last accepted step, or ``None``.
         slip_increment: Slip of the last accepted step (m), global vectors of the owned nodes.
+        bonded: 1 at the nodes that neither open nor slide, see ``tie``, else 0.
         slip_scale: The length of :func:`~fenicsx_friction.laws.blended_slip` (m).
         free: 1 for the free directions of the contact frame, 0 for the prescribed ones.
         hint: Direction whose tangential part is the first tangent.
@@ -63,9 +64,8 @@ class Contact:
         instance(friction, FrictionLaw, "friction", "a law such as Coulomb(0.3)")
         if r_p is not None:
             number(r_p, "r_p (Pa/m)", above=0.0)
-        # Each contact needs a multiplier space of its own: DOLFINx applies conditions by space.
         surface = copy.copy(surface)
-        surface.Q = surface.Q.clone()
+        surface.Q = surface.Q.clone()  # DOLFINx applies conditions by space
         self.surface, self.obstacle, self.friction, self.r_p = surface, obstacle, friction, r_p
         Q, S = surface.Q, surface.S
         self.c = fem.Function(Q, name="contact_traction")
@@ -75,9 +75,8 @@ class Contact:
         self.hint = fem.Function(Q, name="tangent_hint")
         self.path = fem.Function(S, name="slip_path")
         self.r = fem.Function(S, name="r_p")
-        self.scale = fem.Function(S, name="scale")
-        self.felt = fem.Function(S, name="felt")
-        self.slipping = fem.Function(S, name="slipping")
+        names = ("scale", "felt", "slipping", "bonded")
+        self.scale, self.felt, self.slipping, self.bonded = (fem.Function(S, name=n) for n in names)
         self.slip_scale = fem.Function(S, name="slip_scale")
         self.slip_scale.x.array[:] = 1.0
         self.accepted: NodalState | None = None
@@ -183,6 +182,7 @@ class Contact:
             area=self.pairing.acting_area().copy(),
             free=self.pairing.side.nodal(self.free) > 0.5,
             own_map=own,
+            bonded=self.bonded.x.array[: self.surface.num_owned] > 0.5,
         )
 
     def nodal_area(self) -> Array:

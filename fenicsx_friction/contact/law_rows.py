@@ -11,7 +11,7 @@ from dolfinx import fem, mesh
 from ufl.core.expr import Expr
 
 from ..laws import rows
-from ..laws.friction import FrictionLaw, Sliding
+from ..laws.friction import UNLIMITED, FrictionLaw, Sliding
 from ..obstacles.kinematics import Kinematics
 
 #: Pressures (Pa) at which a law that has friction has some, here or there.
@@ -24,8 +24,8 @@ class LawRows:
     Args:
         kinematics: Gap, slip and frame of the node.
         friction: The friction law.
-        fields: The nodal fields of the contact: ``c, c_stick, free, path, r, scale, slipping,
-            slip_scale``.
+        fields: The nodal fields of the contact: ``bonded, c, c_stick, free, path, r, scale,
+            slipping, slip_scale``.
         dt: Length of the step (s).
         normal: Name of the normal complementarity function.
 
@@ -68,12 +68,20 @@ class LawRows:
         limit = self._limit(rows.positive(fields.c[0] - fields.scale * self._gap))
         limits = [limit, friction.limit(ufl.as_ufl(1.0), self.sliding)]
         limits.append(self._scale * friction.limit(fields.c[0], self.sliding))
+        limits = [self._bonded(ufl.as_ufl(UNLIMITED), limit) for limit in limits]
         self.nodal = ufl.as_vector([self._gap, *slip, *c_t, *limits, path])
         self.reach = self._reach(fields.surface.mesh)
         self.own_row = None
         if not friction.certifiable:
             row = friction.row(slip, c_t, limit, fields.scale, ufl.as_ufl(0.0))
-            self.own_row = ufl.as_vector([*row])
+            bond = fields.scale * slip
+            self.own_row = ufl.as_vector(
+                [self._bonded(*pair) for pair in zip(bond, row, strict=True)]
+            )
+
+    def _bonded(self, bond: Expr, law: Expr) -> Expr:
+        """Return one expression where the node is bonded, another where it is not."""
+        return ufl.conditional(ufl.gt(self._f.bonded, 0.5), bond, law)
 
     def _reach(self, msh: mesh.Mesh) -> Expr:
         """Return the limits at some pressures, at rest and sliding, as a vector."""
@@ -128,7 +136,10 @@ class LawRows:
         normal = self._normal_row(self._gap, c[0], self._f.r, eps)
         if self._metric is not None:
             tangential = self._metric * tangential
-        stacked = [normal, *tangential]
+        stick = self._slip if self._metric is None else self._metric * self._slip
+        bonds = [-self._f.r * self._gap, *(self._f.r * s for s in stick)]
+        laws = [normal, *tangential]
+        stacked = [self._bonded(*pair) for pair in zip(bonds, laws, strict=True)]
         return ufl.as_vector(
             [free[k] * row + (1.0 - free[k]) * c[k] for k, row in enumerate(stacked)]
         )

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from ..problem import FrictionalContactProblem
 
 #: Functions of a contact that are history; the others are made again or belong to one step.
-CONTACT_HISTORY = ("c", "path", "hint")
+CONTACT_HISTORY = ("c", "path", "hint", "bonded")
 #: Name of ``Contact.slip_increment`` beside the fields of a ``NodalState``.
 SLIP_INCREMENT = "slip_increment"
 #: Nodal values with one column, with one for each tangent, and with one for each direction.
-SCALARS, TANGENTIAL = ("gap", "limit", "r", "area", "own_map"), ("slip",)
+SCALARS, TANGENTIAL = ("gap", "limit", "r", "area", "own_map", "bonded"), ("slip",)
 VECTORS = ("c", "free", SLIP_INCREMENT)
 #: Nodes of the mesh may differ by this fraction of its extent.
 SAME_PLACE = 1e-10
@@ -125,7 +125,8 @@ class Content:
             columns |= dict.fromkeys(VECTORS, (d,))
             for name in _nodal_names():
                 kinds = "f" if name in columns else "fbiu"
-                entry = Expected(order.size, columns.get(name), "b" if name == "free" else kinds)
+                flags = name in ("free", "bonded")
+                entry = Expected(order.size, columns.get(name), "b" if flags else kinds)
                 found[f"accepted {k}/{name}"] = entry
         if not given <= needed:  # a step has been accepted
             needed |= {
