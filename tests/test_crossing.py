@@ -21,19 +21,23 @@ from shapes import BALL, BAR, ball, bar, lid, outline, steep
 DOWN = (0.0, -1.0)
 
 
-def crossed(kind, nodes, faces, start, end, *, looks=None, moved=None, started=-1, turn=None):
+def crossed(kind, nodes, faces, start, end, *, looks=None, moved=None, started=-1, turn=None, met=None):
     """Return which nodes have crossed; all turned by ``turn`` at the end."""
     start, end = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (start, end))
     d = nodes.shape[1]
     looks = np.eye(d)[-1] * -1.0 if looks is None else looks
     n = np.tile(np.asarray(looks, dtype=float), (len(start), 1))
     corners = nodes[faces]
-    size = float(np.mean(np.linalg.norm(np.ptp(corners, axis=1), axis=1)))
-    surface = SimpleNamespace(cell=FACE_CELLS[kind], faces=faces, size=size)
+    depths = 1e-3 * np.linalg.norm(np.ptp(corners, axis=1), axis=1)
+    surface = SimpleNamespace(cell=FACE_CELLS[kind], faces=faces)
     moved, turn = nodes if moved is None else moved, np.eye(d) if turn is None else turn
-    motion = Motion((nodes, moved @ turn.T + 3.0), (start, end @ turn.T + 3.0), (n, n @ turn.T))
-    everyone = np.ones(len(start), dtype=bool)
-    return find_crossed(surface, motion, everyone, np.full(len(start), started)).tolist()
+    motion = Motion(
+        (nodes, moved @ turn.T + 3.0),
+        (start, end @ turn.T + 3.0),
+        (n, n @ turn.T),
+        (depths, np.full(len(start), np.inf)),
+    )
+    return (find_crossed(surface, motion, np.full(len(start), started), met) >= 0).tolist()
 
 
 def interval(start, end, top=False, **options):

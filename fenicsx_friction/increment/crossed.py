@@ -12,6 +12,10 @@ THROUGH = (
     "went through the obstacle in this step without meeting it: take a smaller step, or "
     "(deformable obstacles) a larger SearchPolicy.reach."
 )
+PIERCED = (
+    "have faces that nodes of the obstacle went through in this step: it is smaller or sharper than "
+    "they are; take a finer mesh there, swap the two surfaces, or take a smaller step."
+)
 MISSED = (
     "are open on average, but the obstacle is deep in the faces round them: it is smaller than "
     "they are; take a finer mesh, or a displacement of degree 1."
@@ -19,14 +23,16 @@ MISSED = (
 
 
 def crossed_nodes(system: ContactSystem) -> list[str]:
-    """Name the nodes that have gone through an obstacle in the step; collective, on all ranks.
-
-    Nodes that a closed contact holds are not tested.
-    """
+    """Name the nodes that have gone through an obstacle in the step; collective, on all ranks."""
     lines = []
     for k, state in zip(system.contacts, system.nodal_states(), strict=True):
         closed = state.states() != OPEN
-        found = ((k.pairing.missed(closed), MISSED), (k.pairing.crossed(closed), THROUGH))
+        pairing = k.pairing
+        found = (
+            (pairing.crossed(closed), THROUGH),
+            (pairing.missed(closed), MISSED),
+            (pairing.pierced(closed), PIERCED),
+        )
         for nodes, what in found:
             if number := system.comm.allreduce(int(np.sum(nodes))):
                 where = named(k.surface, np.flatnonzero(nodes))

@@ -203,11 +203,15 @@ class Pairing(ABC):
         """Tell which nodes have gone through the obstacle since the last step; collective.
 
         Args:
-            closed: Owned nodes that a closed contact holds; they are not tested.
+            closed: Owned nodes that a closed contact holds.
 
         Returns:
             One flag an owned node.
         """
+        return np.zeros(len(closed), dtype=bool)
+
+    def pierced(self, closed: Mask) -> Mask:
+        """Tell which nodes have faces that nodes of the obstacle have gone through; collective."""
         return np.zeros(len(closed), dtype=bool)
 
     def held_depths(self, held: fem.Function) -> Array:
