@@ -7,6 +7,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import scipy.sparse
 from dolfinx import fem, mesh
 from scipy.spatial.transform import Rotation
 
@@ -21,7 +22,9 @@ from shapes import BALL, BAR, ball, bar, lid, outline, steep
 DOWN = (0.0, -1.0)
 
 
-def crossed(kind, nodes, faces, start, end, *, looks=None, moved=None, started=-1, turn=None, met=None):
+def crossed(
+    kind, nodes, faces, start, end, *, looks=None, moved=None, started=-1, turn=None, met=None
+):
     """Return which nodes have crossed; all turned by ``turn`` at the end."""
     start, end = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (start, end))
     d = nodes.shape[1]
@@ -78,6 +81,26 @@ def test_a_corner_that_the_straight_way_cuts_is_no_crossing():
     assert crossed("interval", X, edges, start, end, looks=-(X[6] + X[9])) == [False]
     # The same way on to the middle of the polygon is one.
     assert crossed("interval", X, edges, start, 0.0 * end, looks=-(X[6] + X[9])) == [True]
+
+
+def test_a_face_that_holds_a_node_is_not_entered_but_others_are():
+    """Through the upper of two sheets on to the lower one, behind it by what an average allows."""
+    X = np.array([[0.0, 1.0], [1.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
+    edges = np.array([[1, 0], [3, 2]])
+    held = scipy.sparse.csr_array(np.array([[0, 1]]))
+    for top, found in ((1.5, True), (0.5, False)):
+        way = {"start": (0.5, top), "end": (0.5, -0.05)}
+        assert crossed("interval", X, edges, **way, met=held) == [found]
+        assert crossed("interval", X, edges, **way) == [True]
+
+
+def test_a_closed_node_that_slides_over_a_ridge_by_a_hair_has_not_crossed_it():
+    """It is behind the face that it has left, and this one's edge is where it is."""
+    X = np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, -1.0]])
+    edges = np.array([[1, 0], [2, 1]])
+    way = {"start": (0.5, -0.5), "end": (-0.003, -0.003)}
+    beside = scipy.sparse.csr_array(np.ones((1, 2)))
+    assert crossed("interval", X, edges, **way, met=beside) == [False]
 
 
 def test_a_thin_moving_sheet_is_crossed():

@@ -13,8 +13,8 @@ THROUGH = (
     "(deformable obstacles) a larger SearchPolicy.reach."
 )
 PIERCED = (
-    "have faces that nodes of the obstacle went through in this step: it is smaller or sharper than "
-    "they are; take a finer mesh there, swap the two surfaces, or take a smaller step."
+    "have faces that nodes of the obstacle went through in this step: it is smaller or sharper "
+    "than they are; take a smaller step, a finer mesh there, or swap the two surfaces."
 )
 MISSED = (
     "are open on average, but the obstacle is deep in the faces round them: it is smaller than "
@@ -23,18 +23,15 @@ MISSED = (
 
 
 def crossed_nodes(system: ContactSystem) -> list[str]:
-    """Name the nodes that have gone through an obstacle in the step; collective, on all ranks."""
+    """Say of each contact which nodes have gone through in the step; collective, on all ranks."""
     lines = []
     for k, state in zip(system.contacts, system.nodal_states(), strict=True):
-        closed = state.states() != OPEN
-        pairing = k.pairing
-        found = (
-            (pairing.crossed(closed), THROUGH),
-            (pairing.missed(closed), MISSED),
-            (pairing.pierced(closed), PIERCED),
-        )
-        for nodes, what in found:
+        closed, pairing = state.states() != OPEN, k.pairing
+        tests = (pairing.crossed, THROUGH), (pairing.missed, MISSED), (pairing.pierced, PIERCED)
+        for test, what in tests:
+            nodes = test(closed)
             if number := system.comm.allreduce(int(np.sum(nodes))):
                 where = named(k.surface, np.flatnonzero(nodes))
                 lines.append(f"{number} nodes of '{k.surface.name}' {what}{where}")
+                break
     return lines

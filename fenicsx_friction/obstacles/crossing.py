@@ -195,9 +195,7 @@ def _candidates(faces: FaceSet, motion: Motion) -> Iterator[tuple[Indices, Indic
             yield block[k[meet]], f[meet]
 
 
-def _verdict(
-    events: Events, node: Indices, covers: Mask, number: int
-) -> tuple[Indices, Indices]:
+def _verdict(events: Events, node: Indices, covers: Mask, number: int) -> tuple[Indices, Indices]:
     """Judge each node by its last entry and its last event.
 
     Args:

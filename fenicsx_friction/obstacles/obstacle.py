@@ -200,13 +200,10 @@ class Pairing(ABC):
         return np.zeros(self.side.surface.num_owned)
 
     def crossed(self, closed: Mask) -> Mask:
-        """Tell which nodes have gone through the obstacle since the last step; collective.
+        """Tell which owned nodes have gone through the obstacle in the step; collective.
 
         Args:
             closed: Owned nodes that a closed contact holds.
-
-        Returns:
-            One flag an owned node.
         """
         return np.zeros(len(closed), dtype=bool)
 

@@ -180,18 +180,15 @@ class TwoBodies(Pairing):
         node, other = self.couples()
         held, own, mine = closed[node], self._secondary.own, self.faces.own
         pairs = np.column_stack([other[held], node[held] + own.start])
-        pairs = np.concatenate(self.primary.mesh.comm.allgather(pairs))
-        pairs = pairs[(pairs[:, 0] >= mine.start) & (pairs[:, 0] < mine.stop)]
-        met = _beside(
-            self._secondary, pairs[:, 0] - mine.start, pairs[:, 1], mine.stop - mine.start
-        )
+        of_all = np.concatenate(self.primary.mesh.comm.allgather(pairs))
+        i, j = of_all[(of_all[:, 0] >= mine.start) & (of_all[:, 0] < mine.stop)].T
+        met = _beside(self._secondary, i - mine.start, j, mine.stop - mine.start)
         faces, nodes = self._trails()
         motion = faces.seen_by(nodes, mine, DEEP, self._doubt)
         started = self._faces_at_start(self._secondary, self.faces)
         entered = find_crossed(self._secondary, motion, started, met)
-        result = np.zeros(len(self._secondary.X), dtype=bool)
-        result[self._secondary.faces[entered[entered >= 0]]] = True
-        return np.asarray(self.primary.mesh.comm.allreduce(result, MPI.LOR)[own])
+        entered = np.concatenate(self.primary.mesh.comm.allgather(entered[entered >= 0]))
+        return np.isin(np.arange(own.start, own.stop), self._secondary.faces[entered])
 
     def _trails(self) -> tuple[Trail, Trail]:
         """Return the ways of the secondary and of the primary nodes in this step; collective."""
