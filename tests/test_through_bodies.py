@@ -1,5 +1,6 @@
 """Thin, small and sharp bodies that others go through within a step: refused, with the cause."""
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 from mpi4py import MPI
@@ -80,7 +81,7 @@ def test_a_small_body_that_goes_into_a_face_between_its_nodes_is_refused(cell, m
     punch = ((0.4,) * (d - 1) + (0.0,), (0.6,) * (d - 1) + (0.2,))
     block = ((0.0,) * (d - 1) + (0.5,), (2.0,) * (d - 1) + (1.5,))
     n = {"upper": (2,) * (d - 1) + (1,), "lower": (2,) * d}
-    with pytest.warns(UserWarning, match="coarser") if method == METHODS[0] else _silence():
+    with pytest.warns(UserWarning, match="coarser") if method == METHODS[0] else nullcontext():
         model = stack(
             0.3, f"punch_{cell}_{method}_", cell=cell, top=block, base=punch, method=method, **n
         )
@@ -93,11 +94,6 @@ def test_a_small_body_that_goes_into_a_face_between_its_nodes_is_refused(cell, m
             model.problem.solve()
     model.move(*aside, -0.29)
     assert model.problem.solve().contacts[0].open == 3 ** (d - 1)
-
-
-def _silence():
-    """Return a context that expects nothing."""
-    return pytest.MonkeyPatch.context()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -123,3 +119,24 @@ def test_a_sharp_wedge_sinks_in_no_deeper_than_the_tolerance(half, method):
             assert force == pytest.approx(0.0, abs=1e-9)  # the wedge is not seen
             depth += step
     assert 0.0 < depth <= DEEP * size
+
+
+def test_a_blunt_wedge_that_is_held_on_average_is_not_refused():
+    """Its tip is behind the base by more than the tolerance, but its node is closed there."""
+
+    def sharpened(x):
+        block = x[1] >= 1.0 + 1e-9
+        x[1] += np.where(block, (2.005 - x[1]) * abs(x[0]) / np.tan(np.radians(40.0)), 0.0)
+        return x
+
+    force = {}
+    for method in METHODS:
+        model = stack(
+            0.0, f"blunt_{method}_", cell="triangle", method=method, warp=sharpened,
+            base=((-1.0, 0.0), (1.0, 1.0)), lower=(15, 4), top=((-0.4, 1.005), (0.4, 2.005)),
+            upper=(6, 4), energy="small", E=(1e5, 1e3),
+        )  # fmt: skip
+        for depth in (0.05, 0.1, 0.15):
+            model.move(0.0, -0.005 - depth)
+            force[method] = model.problem.solve().contacts[0].force[1]
+    assert force["mortar"] == pytest.approx(force["node-to-face"], rel=0.25)  # coarse meshes
