@@ -121,6 +121,7 @@ def test_a_sharp_wedge_sinks_in_no_deeper_than_the_tolerance(half, method):
     assert 0.0 < depth <= DEEP * size
 
 
+@pytest.mark.filterwarnings("ignore:The secondary surface .* is coarser")
 def test_a_blunt_wedge_that_is_held_on_average_is_not_refused():
     """Its tip is behind the base by more than the tolerance, but its node is closed there."""
 
