@@ -36,7 +36,7 @@ import demo_concentric_spheres as spheres
 PARTS = (
     ("search", NodeToFace, ("anchor", "search")),
     ("search", Mortar, ("anchor", "search")),
-    ("crossings", TwoBodies, ("crossed",)),
+    ("crossings", TwoBodies, ("crossed", "pierced")),
     ("kinematics", ContactTerms, ("update",)),
     ("forces", ContactTerms, ("_add_forces",)),
     ("matrices", ContactTerms, ("matrices",)),

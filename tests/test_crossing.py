@@ -7,6 +7,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import scipy.sparse
 from dolfinx import fem, mesh
 from scipy.spatial.transform import Rotation
 
@@ -21,19 +22,25 @@ from shapes import BALL, BAR, ball, bar, lid, outline, steep
 DOWN = (0.0, -1.0)
 
 
-def crossed(kind, nodes, faces, start, end, *, looks=None, moved=None, started=-1, turn=None):
+def crossed(
+    kind, nodes, faces, start, end, *, looks=None, moved=None, started=-1, turn=None, met=None
+):
     """Return which nodes have crossed; all turned by ``turn`` at the end."""
     start, end = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (start, end))
     d = nodes.shape[1]
     looks = np.eye(d)[-1] * -1.0 if looks is None else looks
     n = np.tile(np.asarray(looks, dtype=float), (len(start), 1))
     corners = nodes[faces]
-    size = float(np.mean(np.linalg.norm(np.ptp(corners, axis=1), axis=1)))
-    surface = SimpleNamespace(cell=FACE_CELLS[kind], faces=faces, size=size)
+    depths = 1e-3 * np.linalg.norm(np.ptp(corners, axis=1), axis=1)
+    surface = SimpleNamespace(cell=FACE_CELLS[kind], faces=faces)
     moved, turn = nodes if moved is None else moved, np.eye(d) if turn is None else turn
-    motion = Motion((nodes, moved @ turn.T + 3.0), (start, end @ turn.T + 3.0), (n, n @ turn.T))
-    everyone = np.ones(len(start), dtype=bool)
-    return find_crossed(surface, motion, everyone, np.full(len(start), started)).tolist()
+    motion = Motion(
+        (nodes, moved @ turn.T + 3.0),
+        (start, end @ turn.T + 3.0),
+        (n, n @ turn.T),
+        (depths, np.full(len(start), np.inf)),
+    )
+    return (find_crossed(surface, motion, np.full(len(start), started), met) >= 0).tolist()
 
 
 def interval(start, end, top=False, **options):
@@ -74,6 +81,25 @@ def test_a_corner_that_the_straight_way_cuts_is_no_crossing():
     assert crossed("interval", X, edges, start, end, looks=-(X[6] + X[9])) == [False]
     # The same way on to the middle of the polygon is one.
     assert crossed("interval", X, edges, start, 0.0 * end, looks=-(X[6] + X[9])) == [True]
+
+
+def test_a_face_that_holds_a_node_is_not_entered_but_others_are():
+    """Through the upper of two sheets on to the lower one, behind it by what an average allows."""
+    X = np.array([[0.0, 1.0], [1.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
+    edges = np.array([[1, 0], [3, 2]])
+    held = scipy.sparse.csr_array(np.array([[0, 1]]))
+    for top, found in ((1.5, True), (0.5, False)):
+        way = {"start": (0.5, top), "end": (0.5, -0.05)}
+        assert crossed("interval", X, edges, **way, met=held) == [found]
+        assert crossed("interval", X, edges, **way) == [True]
+
+
+def test_a_node_that_slides_over_a_ridge_by_a_hair_has_not_crossed_it():
+    """It is behind the face that it has left, whose edge is where it is."""
+    X = np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, -1.0]])
+    edges = np.array([[1, 0], [2, 1]])
+    for x in -np.logspace(-5, -1, 20):
+        assert crossed("interval", X, edges, (0.5, -0.5), (x, x)) == [False]
 
 
 def test_a_thin_moving_sheet_is_crossed():

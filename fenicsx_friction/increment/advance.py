@@ -60,7 +60,7 @@ def _advance(system: ContactSystem) -> StepReport:
                 system.solvers.keep(way.linear_solver)
             _tell(system, report)
             return report
-        if failed is None or _far(report) < _far(failed.report):
+        if failed is None or found.crossed or _far(report) < _far(failed.report):
             failed = _Failed(report, found.crossed, snapshot.ProblemSnapshot(system))
         if found.crossed or report.certificate.drowned:
             break  # another way to solve the step would not fare better
@@ -76,7 +76,7 @@ def _advance(system: ContactSystem) -> StepReport:
     )
     failed.state.restore()
     if system.settings.raise_on_uncertified:
-        raise StepFailed("\n".join([explain(system, report), *failed.crossed]), report)
+        raise StepFailed(explain(system, report, failed.crossed), report)
     return report
 
 

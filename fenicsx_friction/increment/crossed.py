@@ -12,6 +12,10 @@ THROUGH = (
     "went through the obstacle in this step without meeting it: take a smaller step, or "
     "(deformable obstacles) a larger SearchPolicy.reach."
 )
+PIERCED = (
+    "have faces that nodes of the obstacle went through in this step: it is smaller or sharper "
+    "than they are; take a smaller step, a finer mesh there, or swap the two surfaces."
+)
 MISSED = (
     "are open, but the obstacle is deep in the faces round them: it is smaller than they are; "
     "take a finer mesh, or a displacement of degree 1."
@@ -19,16 +23,15 @@ MISSED = (
 
 
 def crossed_nodes(system: ContactSystem) -> list[str]:
-    """Name the nodes that have gone through an obstacle in the step; collective, on all ranks.
-
-    Nodes that a closed contact holds are not tested.
-    """
+    """Say of each contact which nodes have gone through in the step; collective, on all ranks."""
     lines = []
     for k, state in zip(system.contacts, system.nodal_states(), strict=True):
-        closed = state.states() != OPEN
-        found = ((k.pairing.missed(closed), MISSED), (k.pairing.crossed(closed), THROUGH))
-        for nodes, what in found:
+        closed, pairing = state.states() != OPEN, k.pairing
+        tests = (pairing.crossed, THROUGH), (pairing.missed, MISSED), (pairing.pierced, PIERCED)
+        for test, what in tests:
+            nodes = test(closed)
             if number := system.comm.allreduce(int(np.sum(nodes))):
                 where = named(k.surface, np.flatnonzero(nodes))
                 lines.append(f"{number} nodes of '{k.surface.name}' {what}{where}")
+                break
     return lines

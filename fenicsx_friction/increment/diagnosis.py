@@ -24,8 +24,22 @@ SMALLER_STEP = (
 )
 
 
-def explain(system: ContactSystem, report: StepReport) -> str:
-    """Return a message on the uncertified state that the unknowns hold; collective."""
+def explain(system: ContactSystem, report: StepReport, crossed: Sequence[str] = ()) -> str:
+    """Return a message on the uncertified state that the unknowns hold; collective.
+
+    Args:
+        system: The system.
+        report: The report of the state.
+        crossed: What is said of nodes that went through an obstacle: then the cause, since such a
+            state solves the equations.
+    """
+    if crossed:
+        text = "\n".join(crossed)
+        return (
+            f"Step {report.step} has no certified solution: {text}\n"
+            "This state solves all equations, but goes through the obstacle. The last accepted "
+            f"state was restored.\n{_substeps(report.substeps)}"
+        )
     certificate = report.certificate
     lines = [
         f"Step {report.step} has no certified solution: relative residual "

@@ -1,32 +1,31 @@
 # SPDX-License-Identifier: MIT
-"""Crossings: which nodes have gone through the other surface within a step?
+"""Crossings: which nodes have gone through another surface within a step?
 
-Within a step nodes and faces move on straight lines, as seen from the moving primary surface. Its
-mean rigid motion is subtracted first, so that a common motion, however large, crosses nothing.
-A node crosses a face where it is behind it by ``depth``. This excludes nodes that slide along the
-face, rounding, and the warp of quadrilaterals, which are cut into triangles.
+Within a step nodes and faces move on straight lines, as seen from the moving faces. Their mean
+rigid motion is subtracted first, so that a common motion, however large, crosses nothing. A node
+crosses a face where it is behind it by some depth. This excludes nodes that slide along the face,
+rounding, and the warp of quadrilaterals, which are cut into triangles. A node that is closed on a
+face at the end does not cross this one, but may have crossed others on the way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from ..surfaces.face_cells import Array
 from ..surfaces.faces import FaceSet
+from .crossing_events import LEAVE, Events, ends_behind, find_events
 from .search import flat
-from .ways import Indices, Mask, Way, area_vectors, sign_changes, simplices
+from .ways import Indices, Mask, Way, simplices
 
-#: A node is behind a face from this fraction of the mean face on, plus what the face is warped.
+#: A node is behind a face from this fraction of the smaller face on, plus what the face is warped.
 DEPTH = 1e-3
-#: A node may enter a face up to this fraction beyond its edges ...
-ENTER = 0.005
-#: ... and leave it up to this one: a path that leaves near an edge must find one of its faces.
-LEAVE = 0.1
 #: Cosine of the normals of entry and exit from which the exit is on the far side.
 FAR_SIDE = -0.1
 #: Nodes that are tested together.
@@ -34,68 +33,75 @@ BLOCK = 512
 
 
 @dataclass(frozen=True)
-class Motion:
-    """Positions at the beginning and at the end of a step.
+class Trail:
+    """Where the nodes of a surface are at the beginning and at the end of a step.
 
     Attributes:
-        face_x: Nodes of the faces (m), beginning and end.
+        surface: The surface.
+        x: Their positions (m).
+        normals: Their averaged normals.
+    """
+
+    surface: FaceSet
+    x: tuple[Array, Array]
+    normals: tuple[Array, Array]
+
+    @classmethod
+    def of(
+        cls, surface: FaceSet, ends: tuple[fem.Function, fem.Function], offset: Array | None = None
+    ) -> Trail:
+        """Return the trail of all nodes between two displacements; collective.
+
+        With offsets (m), the nodes are moved outwards by these: where gaps count from.
+        """
+        x, y = (surface.positions(u) for u in ends)
+        n, m = (surface.node_normals(z) for z in (x, y))
+        if offset is not None:
+            x, y = x + offset[:, None] * n, y + offset[:, None] * m
+        return cls(surface, (x, y), (n, m))
+
+    def seen_by(self, nodes: Trail, own: slice, part: float, doubt: float) -> Motion:
+        """Return how some nodes move before the faces of this surface.
+
+        Args:
+            nodes: The trail of the nodes' surface.
+            own: These nodes.
+            part: From which part of the smaller face on a node is behind a face.
+            doubt: How far (m) a node may be behind besides.
+        """
+        return Motion(
+            face_x=self.x,
+            x=(nodes.x[0][own], nodes.x[1][own]),
+            directions=(nodes.normals[0][own], nodes.normals[1][own]),
+            depths=(
+                part * self.surface.sizes + doubt,
+                part * nodes.surface.node_sizes()[own] + doubt,
+            ),
+        )
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How nodes and faces move in a step: positions at the beginning and at the end.
+
+    Attributes:
+        face_x: Nodes of the faces (m).
         x: Nodes that meet them (m).
         directions: Their averaged normals.
+        depths: From where on a node is behind a face (m): of each face, of each node. The smaller
+            one counts.
     """
 
     face_x: tuple[Array, Array]
     x: tuple[Array, Array]
     directions: tuple[Array, Array]
-
-    @classmethod
-    def between(
-        cls,
-        faces: FaceSet,
-        nodes: FaceSet,
-        ends: tuple[fem.Function, fem.Function],
-        offset: Array,
-    ) -> Motion:
-        """Return the motion of faces and owned nodes between two displacements; collective.
-
-        The nodes are moved outwards by their offsets (m): where gaps count from.
-        """
-        positions = [nodes.positions(u) for u in ends]
-        first, second = (nodes.node_normals(x)[nodes.own] for x in positions)
-        x, y = (x[nodes.own] for x in positions)
-        return cls(
-            face_x=(faces.positions(ends[0]), faces.positions(ends[1])),
-            x=(x + offset[:, None] * first, y + offset[:, None] * second),
-            directions=(first, second),
-        )
-
-
-@dataclass(frozen=True)
-class _Events:
-    """Crossings of the planes of triangles inside their edges, one row an event.
-
-    Attributes:
-        node: The node.
-        time: When, from 0 to 1.
-        entering: From the front to the back, not back.
-        looks: The face looks at the node.
-        normal: Its normal then.
-        depth: How far behind the face the node ends (m).
-        aside: How far it moves along the face after the event (m).
-    """
-
-    node: Indices
-    time: Array
-    entering: Mask
-    looks: Mask
-    normal: Array
-    depth: Array
-    aside: Array
+    depths: tuple[Array, Array]
 
 
 def find_crossed(
-    faces: FaceSet, motion: Motion, watched: Mask, started: Indices, depth: float = DEPTH
-) -> Mask:
-    """Tell which nodes have gone behind a face, or through a body, within the step.
+    faces: FaceSet, motion: Motion, started: Indices, met: scipy.sparse.csr_array | None = None
+) -> Indices:
+    """Return the face that each node has gone behind, or through with the body, in a step, or -1.
 
     A node enters a face that looks at it. If its last event is then an exit through a face on the
     near side or on a flank, it has cut a corner, which is allowed. A node beyond the edge of the
@@ -104,24 +110,37 @@ def find_crossed(
     Args:
         faces: The faces.
         motion: Positions in the step.
-        watched: Nodes to be tested.
         started: Face of each node at the beginning, or -1. A node that is behind it already counts
             as just entering.
-        depth: From where on a node is behind a face, as a fraction of the mean face.
+        met: Which nodes (rows) are held by which faces at the end, and so do not enter these.
     """
     motion = _seen_from_faces(motion)
-    crossed = np.zeros(len(watched), dtype=bool)
-    behind = depth * faces.size + _warp(faces, motion) / 8.0
-    for i, f in _candidates(faces, motion, watched):
+    crossed = np.full(len(started), -1, dtype=np.int64)
+    warp, number = _warp(faces, motion) / 8.0, len(faces.faces)
+    held = np.zeros(0, dtype=np.int64) if met is None else _keys(met)
+    for i, f in _candidates(faces, motion):
         triangles = [simplices(faces.cell, face_x[faces.faces[f]]) for face_x in motion.face_x]
         parts, d = triangles[0].shape[1:3]
-        node, start = np.repeat(i, parts), np.repeat(f == started[i], parts)
         first, last = (t.reshape(-1, d, d) for t in triangles)
+        depth = np.minimum(motion.depths[0][f], motion.depths[1][i]) + warp
+        entered = ~np.isin(i * number + f, held)
+        node, face, start, depth, open_ = (
+            np.repeat(a, parts) for a in (i, f, f == started[i], depth, entered)
+        )
         (x, y), (n, m) = ([end[node] for end in ends] for ends in (motion.x, motion.directions))
         way = Way((x, y - x), (first, last - first), (n, m - n))
-        events = _events(way, node, start, behind)
-        crossed |= _verdict(events, way, node, behind, len(watched))
+        events = find_events(way, start, depth)
+        events = events.take(open_[events.row] | ~events.entering)
+        covers = open_ & ends_behind(way, depth)
+        nodes, rows = _verdict(events, node, covers, len(crossed))
+        crossed[nodes] = face[rows]
     return crossed
+
+
+def _keys(met: scipy.sparse.csr_array) -> Indices:
+    """Return the pairs of nodes and faces of a matrix as numbers."""
+    pairs = met.tocoo()
+    return np.asarray(pairs.row.astype(np.int64) * met.shape[1] + pairs.col)
 
 
 def _seen_from_faces(motion: Motion) -> Motion:
@@ -132,10 +151,11 @@ def _seen_from_faces(motion: Motion) -> Motion:
     sign = np.ones(len(c))
     sign[-1] = np.sign(np.linalg.det(U @ Vt))
     back = Vt.T @ (sign[:, None] * U.T)
-    return Motion(
-        (old, (new - d) @ back + c),
-        (motion.x[0], (motion.x[1] - d) @ back + c),
-        (motion.directions[0], motion.directions[1] @ back),
+    return replace(
+        motion,
+        face_x=(old, (new - d) @ back + c),
+        x=(motion.x[0], (motion.x[1] - d) @ back + c),
+        directions=(motion.directions[0], motion.directions[1] @ back),
     )
 
 
@@ -149,7 +169,7 @@ def _warp(faces: FaceSet, motion: Motion) -> float:
     return float(np.max(lengths, initial=0.0))
 
 
-def _candidates(faces: FaceSet, motion: Motion, watched: Mask) -> Iterator[tuple[Indices, Indices]]:
+def _candidates(faces: FaceSet, motion: Motion) -> Iterator[tuple[Indices, Indices]]:
     """Yield nodes and faces that may meet, from balls about the middles of their ways."""
     corners = [x[faces.faces] for x in motion.face_x]
     centers = [c.mean(axis=1) for c in corners]
@@ -163,7 +183,7 @@ def _candidates(faces: FaceSet, motion: Motion, watched: Mask) -> Iterator[tuple
     size = radius * (1.0 + LEAVE) + np.linalg.norm(centers[1] - centers[0], axis=1) / 2.0
     middle = (centers[0] + centers[1]) / 2.0
     tree = cKDTree(middle)
-    nodes = np.flatnonzero(watched)
+    nodes = np.arange(len(motion.x[0]))
     for start in range(0, len(nodes), BLOCK):
         block = nodes[start : start + BLOCK]
         x = (motion.x[0][block] + motion.x[1][block]) / 2.0
@@ -175,59 +195,30 @@ def _candidates(faces: FaceSet, motion: Motion, watched: Mask) -> Iterator[tuple
             yield block[k[meet]], f[meet]
 
 
-def _events(way: Way, node: Indices, start: Mask, depth: float) -> _Events:
-    """Find all events; ``start`` marks the simplices that nodes had in front at the beginning."""
-    levels = [depth * np.linalg.norm(area_vectors(way.at(t)[1]), axis=1) for t in (0.0, 1.0)]
-    degree = way.corners[0].shape[1]
-    times = np.linspace(0.0, 1.0, degree + 1)
-    values = np.stack([way.volume(t) for t in times])
-    values += np.outer(1.0 - times, levels[0]) + np.outer(times, levels[1])
-    polynomials = np.linalg.solve(np.vander(times, increasing=True), values)
-    rows, time, entering = sign_changes(polynomials)
-    behind = np.flatnonzero(start & (values[0] < 0.0))
-    rows = np.concatenate([behind, rows])
-    time = np.concatenate([np.zeros(len(behind)), time])
-    entering = np.concatenate([np.ones(len(behind), dtype=bool), entering])
+def _verdict(events: Events, node: Indices, covers: Mask, number: int) -> tuple[Indices, Indices]:
+    """Judge each node by its last entry and its last event.
 
-    met = way.take(rows)
-    place, normal = met.place(time)
-    x, corners = met.at(1.0)
-    size = np.linalg.norm(area_vectors(corners), axis=1) ** (1.0 / (degree - 1))
-    # Behind the fold of two faces that look at each other neither is entered within its edges.
-    beyond = np.maximum(ENTER, depth / np.maximum(size, depth))
-    inside = np.min(place, axis=1) >= -np.where(entering, beyond, LEAVE)
-    _, last = met.place(1.0)
-    moved = x - np.einsum("nk,nkd->nd", place, corners)
-    behind_by = -np.sum(moved * last, axis=1)
-    aside = np.linalg.norm(moved + behind_by[:, None] * last, axis=1)
-    looks = met.looks(time, normal)
-    kept = inside & (looks | ~entering)
-    columns = (node[rows], time, entering, looks, normal, behind_by, aside)
-    return _Events(*(column[kept] for column in columns))
+    Args:
+        events: Events of pairs of nodes and simplices.
+        node: The node of each pair.
+        covers: Pairs whose node ends behind the simplex.
+        number: Number of nodes.
 
-
-def _verdict(events: _Events, way: Way, node: Indices, depth: float, number: int) -> Mask:
-    """Judge each node by its last entry and its last event."""
+    Returns:
+        Nodes that have crossed, and the pairs at which they entered.
+    """
     entry, last = (np.full(number, -1, dtype=np.int64) for _ in range(2))
     order = np.argsort(events.time, kind="stable")
     entries = order[events.entering[order]]
-    entry[events.node[entries]] = entries  # the last assignment stays
-    last[events.node[order]] = order
+    of_event = node[events.row]
+    entry[of_event[entries]] = entries  # the last assignment stays
+    last[of_event[order]] = order
     entered = np.flatnonzero(entry >= 0)
     first, final = entry[entered], last[entered]
     away = np.sum(events.normal[first] * events.normal[final], axis=1) < FAR_SIDE
     through = ~events.entering[final] & ~events.looks[final] & away
     covered = np.zeros(number, dtype=bool)
-    covered[node[_is_behind(way, depth)]] = True
+    covered[node[covers]] = True
     over_the_edge = ~covered[entered] & (events.aside[first] > events.depth[first])
-    crossed = np.zeros(number, dtype=bool)
-    crossed[entered] = np.where(events.entering[final], ~over_the_edge, through)
-    return crossed
-
-
-def _is_behind(way: Way, depth: float) -> Mask:
-    """Tell which nodes end behind a simplex that looks at them, inside its edges."""
-    place, normal = way.place(1.0)
-    x, corners = way.at(1.0)
-    behind = np.sum(normal * (x - corners[:, 0]), axis=1) < -depth
-    return np.asarray(behind & (np.min(place, axis=1) >= -ENTER) & way.looks(1.0, normal))
+    crossed = np.where(events.entering[final], ~over_the_edge, through)
+    return entered[crossed], events.row[first[crossed]]

@@ -26,7 +26,7 @@ from .search import SearchPolicy
 from .segments import Segments, find_segments
 from .shares import Shares, find_shares
 from .side import Side
-from .two_bodies import TwoBodies
+from .two_bodies import Indices, TwoBodies
 
 #: The surfaces see the same as long as no node moves by more than this fraction of a face. A
 #: smaller one would let the points on warped faces go to and fro: where edges of both surfaces
@@ -223,7 +223,14 @@ class Mortar(Averaged, TwoBodies):
         """Tell which open nodes have points deep in the other body; collective."""
         depths, shares, deepest = self._depths(), self._element.shares, np.zeros(len(closed))
         np.maximum.at(deepest, shares.node, depths[shares.point])
-        return np.asarray(~closed & (deepest > DEEP * self.side.facet_size()))
+        size = np.minimum(self.side.facet_size(), self.faces.size)
+        return np.asarray(~closed & (deepest > DEEP * size))
+
+    def couples(self) -> tuple[Indices, Indices]:
+        """Return nodes and the nodes of the faces that they see."""
+        shares, seen = self._element.shares, self._element.points.face
+        corners = self._facing.primary.nodes[seen[shares.point]]
+        return np.repeat(shares.node, corners.shape[1]), corners.ravel()
 
     def on_plane(self, still: Mask) -> Mask:
         """Tell in which directions a node of the other surface round each node is held, too."""

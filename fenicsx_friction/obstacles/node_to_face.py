@@ -17,7 +17,7 @@ from .obstacle import Mask
 from .pair_kernel import PairGeometry, PairKernel
 from .search import Pairs, SearchPolicy
 from .side import Side
-from .two_bodies import TwoBodies
+from .two_bodies import Indices, TwoBodies
 
 #: Ratio of face sizes from which the secondary surface should be the primary one.
 COARSE = 1.5
@@ -159,6 +159,12 @@ class NodeToFace(TwoBodies):
     def meeting(self) -> Mask:
         """Tell which owned nodes have a face."""
         return self.pairs.paired
+
+    def couples(self) -> tuple[Indices, Indices]:
+        """Return nodes and the nodes of their faces."""
+        node = np.flatnonzero(self.pairs.paired)
+        corners = self.faces.faces[self.pairs.face[node]]
+        return np.repeat(node, corners.shape[1]), corners.ravel()
 
     def partners(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Return the (blocked) dofs of this rank's primary nodes."""

@@ -203,11 +203,11 @@ class Pairing(ABC):
         return np.zeros(self.side.surface.num_owned)
 
     def crossed(self, closed: Mask) -> Mask:
-        """Tell which owned nodes have gone through the obstacle since the last step; collective.
+        """Tell which owned nodes have gone through the obstacle in the step; collective."""
+        return np.zeros(len(closed), dtype=bool)
 
-        Args:
-            closed: Those that a closed contact holds.
-        """
+    def pierced(self, closed: Mask) -> Mask:
+        """Tell which nodes have faces that nodes of the obstacle have gone through; collective."""
         return np.zeros(len(closed), dtype=bool)
 
     def held_depths(self, held: fem.Function) -> Array:

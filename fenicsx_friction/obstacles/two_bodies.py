@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from dolfinx import fem
 
 from ..base.collective import any_rank
@@ -16,7 +17,8 @@ from ..base.errors import ContactInputError
 from ..surfaces.face_cells import normals
 from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
-from .crossing import DEPTH, Motion, find_crossed
+from .averaged import DEEP
+from .crossing import DEPTH, Trail, find_crossed
 from .face_frames import along_planes
 from .kinematics import Array
 from .obstacle import Mask, Pairing
@@ -24,6 +26,7 @@ from .search import TIE, SearchPolicy, find_pairs, nearest_faces
 from .side import Side
 from .view import View
 
+Indices = npt.NDArray[np.int64]
 #: An offset is known along the node's own normal: part of it by which it is in doubt.
 TILTED = 0.1
 
@@ -42,7 +45,7 @@ class TwoBodies(Pairing):
     """
 
     deformable = tilted = True
-    #: A node has crossed a face from this fraction of the mean face on.
+    #: A node has crossed a face from this fraction of the smaller face on.
     behind = DEPTH
 
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
@@ -76,12 +79,16 @@ class TwoBodies(Pairing):
         """Return the current positions of the owned nodes (m)."""
         return self._secondary.X[self._secondary.own] + self.side.owned(self.side.u.x.array)
 
-    def started(self) -> npt.NDArray[np.int64]:
+    def started(self) -> Indices:
         """Return the face of each node at the start of the step, or -1; collective."""
-        u_old = self.side.u_old
-        x, own = self._secondary.positions(u_old), self._secondary.own
-        held, directions = np.ones(own.stop - own.start, bool), self._secondary.node_normals(x)
-        parts = (self.faces, self.faces.positions(u_old), x[own], directions[own], self.policy)
+        return self._faces_at_start(self.faces, self._secondary)
+
+    def _faces_at_start(self, faces: FaceSet, nodes: FaceSet) -> Indices:
+        """Return the face that each owned node had at the start of the step, or -1; collective."""
+        u_old, own = self.side.u_old, nodes.own
+        x, held = nodes.positions(u_old), np.ones(own.stop - own.start, bool)
+        directions = nodes.node_normals(x)
+        parts = (faces, faces.positions(u_old), x[own], directions[own], self.policy)
         return find_pairs(*parts, held).face
 
     @abstractmethod
@@ -121,7 +128,7 @@ class TwoBodies(Pairing):
         self.offset = np.where(near, gaps, 0.0)
         largest = float(np.max(abs(self.offset), initial=0.0))
         comm = self.primary.mesh.comm
-        self._doubt = TILTED * comm.allreduce(largest, MPI.MAX) / self.faces.size
+        self._doubt = TILTED * comm.allreduce(largest, MPI.MAX)
         self.anchor()
 
     def alone(self, nodes: Mask) -> Array:
@@ -152,12 +159,42 @@ class TwoBodies(Pairing):
         gap = np.where(over & (near.gap >= -reach), near.gap - self.offset, np.inf)
         return View(cosine, gap, lost)
 
+    @abstractmethod
+    def couples(self) -> tuple[Indices, Indices]:
+        """Return owned nodes and nodes of the primary surface that they meet now, in pairs."""
+
     def crossed(self, closed: Mask) -> Mask:
         """Tell which nodes have gone through faces since the last step; collective."""
+        node, other = self.couples()
+        held = closed[node]
+        met = _beside(self.faces, node[held], other[held], len(closed))
+        nodes, faces = self._trails()
+        motion = faces.seen_by(nodes, self._secondary.own, self.behind, self._doubt)
+        return find_crossed(self.faces, motion, self.started(), met) >= 0
+
+    def pierced(self, closed: Mask) -> Mask:
+        """Tell which nodes have faces that nodes of the obstacle have gone through; collective.
+
+        What contact holds is on average in front of the faces round its node.
+        """
+        node, other = self.couples()
+        held, own, mine = closed[node], self._secondary.own, self.faces.own
+        pairs = np.column_stack([other[held], node[held] + own.start])
+        of_all = np.concatenate(self.primary.mesh.comm.allgather(pairs))
+        i, j = of_all[(of_all[:, 0] >= mine.start) & (of_all[:, 0] < mine.stop)].T
+        met = _beside(self._secondary, i - mine.start, j, mine.stop - mine.start)
+        faces, nodes = self._trails()
+        motion = faces.seen_by(nodes, mine, DEEP, self._doubt)
+        started = self._faces_at_start(self._secondary, self.faces)
+        entered = find_crossed(self._secondary, motion, started, met)
+        entered = np.concatenate(self.primary.mesh.comm.allgather(entered[entered >= 0]))
+        return np.isin(np.arange(own.start, own.stop), self._secondary.faces[entered])
+
+    def _trails(self) -> tuple[Trail, Trail]:
+        """Return the ways of the secondary and of the primary nodes in this step; collective."""
         ends = (self.side.u_old, self.side.u)
-        motion = Motion.between(self.faces, self._secondary, ends, self.offset)
-        depth = self.behind + self._doubt
-        return find_crossed(self.faces, motion, ~closed, self.started(), depth)
+        offset = self._secondary.gather(self.offset)
+        return Trail.of(self._secondary, ends, offset), Trail.of(self.faces, ends)
 
     def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
         """Return the smallest stiffness over area (Pa/m) of the primary nodes; collective."""
@@ -165,3 +202,20 @@ class TwoBodies(Pairing):
         values = diagonal[self.primary.parent_dofs(V)[:n]] / self.primary.area.x.array[:n]
         comm = self.primary.mesh.comm
         return float(comm.allreduce(float(np.min(values, initial=np.inf)), MPI.MIN))
+
+
+def _beside(faces: FaceSet, i: Indices, j: Indices, number: int) -> scipy.sparse.csr_array:
+    """Return which of so many nodes (rows) meet a node of which faces (columns).
+
+    Args:
+        faces: The faces.
+        i: Nodes that meet others.
+        j: The nodes of the faces that they meet.
+        number: As said.
+    """
+    corners = faces.faces
+    shape = (len(faces.X), len(corners))
+    face = np.repeat(np.arange(len(corners)), corners.shape[1])
+    around = scipy.sparse.csr_array((np.ones(face.size), (corners.ravel(), face)), shape=shape)
+    meets = scipy.sparse.csr_array((np.ones(len(i)), (i, j)), shape=(number, len(faces.X)))
+    return scipy.sparse.csr_array(meets @ around)

@@ -31,7 +31,8 @@ class FaceSet:
         X: Reference coordinates of the nodes (m).
         faces: Nodes of each face, in an order that makes the normal point out of the body.
         priority: An order of the faces that does not depend on the partition; decides ties.
-        size: Mean diameter of the faces (m).
+        sizes: Diameters of the faces (m).
+        size: Their mean.
     """
 
     def __init__(self, surface: ContactSurface, u: fem.Function) -> None:
@@ -47,7 +48,8 @@ class FaceSet:
         center = corners.mean(axis=1) - np.min(self.X, axis=0)
         extent = np.max(np.ptp(self.X, axis=0))
         self.priority = np.argsort(np.lexsort(np.round(center / extent, 9).T[::-1]))
-        self.size = float(np.mean(np.linalg.norm(np.ptp(corners, axis=1), axis=1)))
+        self.sizes = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
+        self.size = float(np.mean(self.sizes))
 
     @property
     def own(self) -> slice:
@@ -75,6 +77,13 @@ class FaceSet:
         for column in self.faces.T:
             np.add.at(result, column, normals(self.cell, corners, center))
         return result / np.maximum(np.linalg.norm(result, axis=1, keepdims=True), 1e-300)
+
+    def node_sizes(self) -> Array:
+        """Return the smallest diameter (m) of the faces round each node."""
+        result = np.full(len(self.X), np.inf)
+        for column in self.faces.T:
+            np.minimum.at(result, column, self.sizes)
+        return result
 
 
 def check_surfaces(secondary: ContactSurface, primary: ContactSurface) -> None:
