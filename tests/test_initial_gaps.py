@@ -4,10 +4,13 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from bodies import stack
+from bodies import box, stack
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
+from models import tagged_facets
 from rectangles import everywhere
 
 METHODS = pytest.mark.parametrize("method", [None, "mortar"], ids=["nodes", "mortar"])
@@ -160,3 +163,49 @@ def test_an_offset_does_not_slip_over_the_fold_of_two_faces():
     assert pairing.search()
     moved = pairing.pairs.face != before
     assert abs(pairing.slips()[moved, 0]) == pytest.approx(0.05 / np.hypot(1.0, 0.4), rel=1e-9)
+
+
+@pytest.mark.parametrize("method", ["mortar", "node-to-face"])
+def test_a_clearance_opens_and_an_interference_closes_gradually(method):
+    """Blocks between plates, lubricated: each micrometre of interference is a strain of both."""
+    parts = {}
+    for k, name in enumerate(("lower", "upper")):
+        msh = box((0.0, float(k)), (1.0, k + 1.0), (4, 3), "quadrilateral")
+        sides = tagged_facets(msh, *(lambda x, z=z: np.isclose(x[1], z) for z in (k, k + 1.0)))
+        groups = {"bottom": (1, (1,)), "top": (1, (2,))}
+        parts[name] = ff.NamedMesh(msh, None, sides, groups)
+    model = ff.join_meshes(parts, MPI.COMM_WORLD)
+    V = fem.functionspace(model.mesh, ("Lagrange", 1, (2,)))
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    density = ff.bulk.small_strain_energy(u, ff.bulk.Elastic(100.0, 0.0))
+    bcs = []
+    for axis, facets in (
+        (1, model.facets("lower/bottom")),
+        (1, model.facets("upper/top")),
+        (0, mesh.locate_entities_boundary(model.mesh, 1, lambda x: np.isclose(x[0], 0.0))),
+    ):
+        dofs = fem.locate_dofs_topological(V.sub(axis), 1, facets)
+        bcs.append(fem.dirichletbc(fem.Constant(model.mesh, 0.0), dofs, V.sub(axis)))
+    clearance = fem.Constant(model.mesh, 0.01)
+    obstacle = ff.DeformableObstacle(model.surface("lower/top"), method=method, clearance=clearance)
+    contact = ff.Contact(model.surface("upper/bottom"), obstacle, ff.Frictionless())
+    problem = ff.FrictionalContactProblem(
+        ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v),
+        u,
+        contact=contact,
+        bcs=bcs,
+        petsc_options_prefix=f"clearance_{method}_",
+    )
+    report = problem.solve()
+    assert report.contacts[0].open == problem.comm.allreduce(contact.surface.num_owned)
+    assert np.allclose(contact.pairing.gaps(), 0.01, atol=1e-12)
+    for interference in (1e-3, 4e-3, 0.01, 2e-3):
+        clearance.value = -interference
+        report = problem.solve()
+        assert report.certified
+        assert np.allclose(contact.nodal().c[:, 0], 100.0 * interference / 2.0, rtol=1e-9)
+        assert report.contacts[0].penetration < 1e-12
+    clearance.value = 1e-3
+    assert problem.solve().contacts[0].stick == 0
+    with pytest.raises(ff.ContactInputError, match="clearance"):
+        ff.DeformableObstacle(model.surface("lower/top"), clearance="tight")

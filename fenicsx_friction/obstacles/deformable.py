@@ -3,7 +3,10 @@
 
 from dataclasses import dataclass, field
 
+from dolfinx import fem
+
 from ..base.errors import ContactInputError
+from ..base.validators import number
 from ..surfaces.elements import nodal_on_facets
 from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
@@ -37,12 +40,16 @@ class DeformableObstacle(Obstacle):
             a node has there is subtracted from its gap for good. No node of the mesh is moved, so
             walls stay as thick as they are (see ``close_initial_gaps``). Without it, gaps are
             what they are.
+        clearance: What is added to all gaps (m): a number, or a Constant that changes from step to
+            step. Negative, it is an interference: a shrink fit or a bolt, closed as gradually
+            as its value is set.
     """
 
     primary: ContactSurface
     search: SearchPolicy | None = field(default=None, kw_only=True)
     method: str | None = field(default=None, kw_only=True)
     close_gaps: float | None = field(default=None, kw_only=True)
+    clearance: float | fem.Constant = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check surface, policy and method."""
@@ -64,6 +71,10 @@ class DeformableObstacle(Obstacle):
             meaning = "the largest gap or overlap (m) that counts as closed at the start"
             check_positive(self.close_gaps, "close_gaps", meaning)
 
+        given = self.clearance
+        value = given.value[()] if isinstance(given, fem.Constant) else given
+        number(value, "clearance (m)")
+
     def meet(self, side: Side) -> TwoBodies:
         """Return the pairing of a side's nodes with this surface; collective.
 
@@ -82,6 +93,7 @@ class DeformableObstacle(Obstacle):
         if method is None:
             method = "node-to-face" if nodal and self._matches(side, policy) else "mortar"
         pairing = METHODS[method](self.primary, policy, side)
+        pairing.clearance = self.clearance
         if self.close_gaps is not None:
             pairing.close_gaps(self.close_gaps)
         return pairing

@@ -41,23 +41,39 @@ class TwoBodies(Pairing):
 
     Attributes:
         faces: The faces of the primary surface on all ranks.
-        offset: What is subtracted from the gap of each owned node (m), see :meth:`close_gaps`.
+        clearance: What is added to all gaps (m): a number, or a Constant.
     """
 
     deformable = tilted = True
     #: A node has crossed a face from this fraction of the smaller face on.
     behind = DEPTH
+    clearance: float | fem.Constant = 0.0
 
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
         super().__init__(side)
         self.primary, self.policy = primary, policy
         self.faces, self._secondary = FaceSet(primary, side.u), FaceSet(side.surface, side.u)
         self._inputs_before: tuple[Array, ...] | None = None
-        self.offset, self._doubt = np.zeros(side.surface.num_owned), 0.0
+        self._closed, self._doubt_of_closed = np.zeros(side.surface.num_owned), 0.0
+
+    @property
+    def offset(self) -> Array:
+        """What is subtracted from the gap of each owned node (m)."""
+        return self._closed - self._added()
+
+    def _added(self) -> float:
+        """Return the clearance (m)."""
+        given = self.clearance
+        return float(given.value if isinstance(given, fem.Constant) else given)
+
+    @property
+    def _doubt(self) -> float:
+        """By how much offsets are in doubt where faces tilt (m)."""
+        return self._doubt_of_closed + TILTED * abs(self._added())
 
     def update(self) -> None:
         """Follow the displacement, as far as it has changed; collective."""
-        now, before = self._inputs(), self._inputs_before
+        now, before = (*self._inputs(), np.array(self._added())), self._inputs_before
         changed = before is None or not all(map(np.array_equal, now, before))
         if not any_rank(self.primary.mesh.comm, changed):
             return
@@ -118,17 +134,17 @@ class TwoBodies(Pairing):
         try:
             for f in state:
                 f.x.array[:] = 0.0
-            self.offset = np.zeros_like(self.offset)
+            self._closed = np.zeros_like(self._closed)
             self.anchor()
-            gaps = self.gaps().copy()
+            gaps = self.gaps() - self._added()
             near = self.meeting() & (abs(gaps) <= limit)
         finally:
             for f, values in zip(state, kept, strict=True):
                 f.x.array[:] = values
-        self.offset = np.where(near, gaps, 0.0)
-        largest = float(np.max(abs(self.offset), initial=0.0))
+        self._closed = np.where(near, gaps, 0.0)
+        largest = float(np.max(abs(self._closed), initial=0.0))
         comm = self.primary.mesh.comm
-        self._doubt = TILTED * comm.allreduce(largest, MPI.MAX)
+        self._doubt_of_closed = TILTED * comm.allreduce(largest, MPI.MAX)
         self.anchor()
 
     def alone(self, nodes: Mask) -> Array:
