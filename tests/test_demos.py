@@ -91,6 +91,22 @@ def test_a_wheel_rolls_and_spins(tmp_path):
     )
 
 
+def test_a_shrink_fit_is_pulled_out(tmp_path):
+    done = run(DEMOS / "demo_shrink_fit.py", "--output", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    numbers = [float(word.rstrip(".")) for word in done.stdout.split() if word[0].isdigit()]
+    middle, lame, _, ratio = numbers
+    assert lame == pytest.approx(63.0)  # 210e9 20e-6 / 0.02 / (5/3 + 5/3) / 1e6
+    assert middle == pytest.approx(lame, rel=0.03)  # the hub is no longer than wide
+    assert ratio == pytest.approx(0.2, rel=2e-3)
+    lines = rows(tmp_path / "contacts.csv")
+    assert {int(line["stick"]) > 0 for line in lines[4:6]} == {True}
+    assert int(lines[-1]["stick"]) == 0  # all slides
+    assert all(
+        (tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("pressure", "pull_out")
+    )
+
+
 @pytest.mark.parametrize(
     "arguments",
     [("--mu", -1), ("--nx", 0), ("--nu", 0.5), ("--path", "missing.csv"), ("--element", "q2")],
