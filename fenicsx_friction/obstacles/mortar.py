@@ -7,6 +7,7 @@ they do not change.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from mpi4py import MPI
@@ -24,7 +25,7 @@ from .obstacle import Mask
 from .old_points import points_before
 from .search import SearchPolicy
 from .segments import Segments, find_segments
-from .shares import Shares, find_shares
+from .shares import find_shares
 from .side import Side
 from .two_bodies import TwoBodies
 
@@ -176,12 +177,11 @@ class Mortar(Averaged, TwoBodies):
         self._seen_at = x
         secondary, own = self._facing.secondary, self._secondary.own
         face = secondary.face_of(points.patch)
-        weights = dual_hats(secondary, points) * points.weight[:, None]
-        shares = find_shares(secondary.nodes, face, weights, self._full, kept)
-        mine = (shares.node >= own.start) & (shares.node < own.stop)
-        used, point = np.unique(shares.point[mine], return_inverse=True)
-        node = shares.node[mine] - own.start
-        shares = Shares(node, point.ravel(), shares.value[mine], shares.covered[own])
+        functions = np.stack([secondary.hats(points.xi), dual_hats(secondary, points)])
+        weights = functions * points.weight[:, None]
+        shares = find_shares(secondary.nodes, face, weights, self._full, kept).of_nodes(own)
+        used, point = np.unique(shares.point, return_inverse=True)
+        shares = replace(shares, point=point.ravel())
         points = points.take(used)
         old = points_before(self._facing, points, *self._start)
         element = MortarElement(self._facing, points, old, shares, self._own)
