@@ -63,10 +63,10 @@ class Averaged(Pairing):
         nor what it meets is moved. Elsewhere the rest of its average is free.
         """
         held = self.gather(fixed.x.array, missing=1.0) > 0.5
-        weights = np.max(abs(self.levers()), axis=1)
+        weights = abs(self.weights())
         along = abs(self.normals()) < ALONG
         plane = self.side.owned(still) & along & self.on_plane(still)
         symmetry = plane & ~np.all(nodes, axis=1, keepdims=True)
-        meets = np.any(weights >= WEIGHTLESS, axis=1)
-        all_held = np.all(held | (weights < WEIGHTLESS), axis=1)
+        meets = np.any(weights >= WEIGHTLESS, axis=1, keepdims=True)
+        all_held = np.all(held | (weights < WEIGHTLESS)[:, :, None], axis=1)
         return np.asarray(symmetry | (meets & all_held))

@@ -3,8 +3,8 @@
 
 A secondary point ``x`` with the normal ``n`` of its patch sees the primary point ``y``:
 ``x - y = g n``. Gap and slip of a node are averages over the points round it, each with shares of
-its own; pressure and friction act at the same points by the same shares, opposite on both bodies.
-Which points there are, and what they see, does not change here; where they see it does.
+its own. The force of its multipliers acts at the same points, by the shares of slips, opposite on
+both bodies. Which points there are, and what they see, does not change here; where they see it does.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ class MortarElement:
         self._corners, self._couples = groups.corners, groups.couples
         self._at, self._old_at = facing.secondary.shapes(points.xi), facing.primary.shapes(old[1])
         self._old_dofs = facing.primary.dofs[old[0]]
-        # Of gaps, and of slips.
-        self._shares_at = groups.corners.both(self._at)
+        self._gap_shares = groups.corners.gaps(self._at)
+        self._shares_at = groups.corners.slips(self._at)
         self._old_shares = groups.old.slips(self._old_at)
         self._sums = groups.corners.gaps(np.ones(len(points.patch)))
 
@@ -96,7 +96,7 @@ class MortarElement:
         self._duals = duals(tangents, normal)
         self._way = self.x - (self._old_at[:, None] @ x[1][self._old_dofs])[:, 0]
         self._way_of_corner = corners.slips(self._way)
-        self._couple_shapes = self._couples.both(self._shapes)
+        self._couple_shapes = self._couples.slips(self._shapes)
 
     def values(self) -> Array:
         """Return the field of the nodes: averages, (nodes, entries)."""
@@ -118,13 +118,13 @@ class MortarElement:
         by_x = corners.gaps(self._at[:, :, None] * across[:, None])
         lost = corners.gaps(self.gap[:, None] * across)
         block[:, :, gap.start] = by_x - np.einsum("cd,cdae->cae", lost, turns)
-        block[:, :, slip] = self._shares_at[1, :, :, None, None] * self.frames[:, None, 1:]
+        block[:, :, slip] = self._shares_at[:, :, None, None] * self.frames[:, None, 1:]
         turned = np.einsum("ckij,cjae->cakie", self._by_normal, turns)
         block[:, :, slip] += np.einsum("ci,cakie->cake", self._way_of_corner, turned[:, :, 1:])
         shares = self._sums[:, None, None, None]
         for where, k in zip([normal, *first], range(d - 1), strict=True):
             block[:, :, where] = shares * turned[:, :, k]
-        block[:, :, position] = self._shares_at[0, :, :, None, None] * np.eye(d)
+        block[:, :, position] = self._gap_shares[:, :, None, None] * np.eye(d)
         groups = self._groups
         result = groups.on_stencils(0, block)
         of_face = self._couples.gaps(self._shapes[:, :, None] * across[:, None])
@@ -134,42 +134,32 @@ class MortarElement:
         return result.transpose(0, 2, 1, 3)
 
     def weights(self) -> Array:
-        """Return the forces on the stencil of a unit pressure on each node, in one direction."""
-        unit = np.zeros((2, len(self._corners.node), 1))
-        unit[0] = 1.0
-        return self._acting(unit)[:, :, 0]
+        """Return the forces on the stencil of a unit force on each node, in one direction."""
+        return self._acting(np.ones((len(self._corners.node), 1)))[:, :, 0]
 
     def levers(self) -> Array:
         """Return the forces of unit multipliers over what is covered: (nodes, d, stencil, d)."""
-        (n, m), (corners, d, _) = self.stencil.shape, self.frames.shape
-        unit = np.zeros((2, corners, d, d))
-        unit[0, :, 0], unit[1, :, 1:] = self.frames[:, 0], self.frames[:, 1:]
-        levers = self._acting(unit.reshape(2, corners, d * d))
+        (n, m), d = self.stencil.shape, self.frames.shape[1]
+        levers = self._acting(self.frames.reshape(len(self.frames), d * d))
         return levers.reshape(n, m, d, d).transpose(0, 2, 1, 3)
 
     def forces(self, c: Array) -> Array:
         """Return the forces of multipliers over what is covered: (nodes, stencil, d)."""
-        return self._acting(_of_kinds(c[self._corners.node], self.frames))
+        return self._acting(np.einsum("ck,ckd->cd", c[self._corners.node], self.frames))
 
     def _acting(self, of_corner: Array) -> Array:
-        """Return what acts on the stencils, opposite on both bodies.
-
-        Args:
-            of_corner: What corners have, by the shares of gaps and of slips: (2, corners, ...).
-        """
+        """Return what acts on the stencils, opposite on both bodies, from what the corners have."""
         groups = self._groups
-        own = np.einsum("kca,kcd->cad", self._shares_at, of_corner)
-        face = np.einsum("kca,kcd->cad", self._couple_shapes, of_corner[:, groups.corner])
+        own = self._shares_at[:, :, None] * of_corner[:, None]
+        face = self._couple_shapes[:, :, None] * of_corner[groups.corner][:, None]
         return np.asarray(groups.on_stencils(0, own) - groups.on_stencils(1, face))
 
     def point_forces(self, c: Array) -> Array:
         """Return the forces on the body at the points (N), of this rank's nodes."""
-        return self._corners.spread(_of_kinds(self._loads(c), self.frames))
-
-    def _loads(self, c: Array) -> Array:
-        """Return the multipliers times what is covered, at the corners (N)."""
         node = self._corners.node
-        return c[node] * self.shares.covered[node][:, None]
+        of_corner = np.einsum("ck,ckd->cd", c[node], self.frames)
+        of_corner *= self.shares.covered[node][:, None]
+        return np.asarray(self._corners.of_slip.T @ of_corner)
 
     def turned(self) -> list[tuple[Indices, Indices]]:
         """Return the dofs of the rows and columns of the blocks of :meth:`turning`."""
@@ -177,18 +167,13 @@ class MortarElement:
 
     def turning(self, c: Array) -> list[Array]:
         """Return how displacements turn and move the forces (N/m), in blocks."""
-        couples, turning = self._groups.corner, self._turning
-        by_normal = _of_kinds(self._loads(c), self._by_normal)
-        turned = np.einsum("kcij,cjae->kciae", by_normal, self._turns[self._corners.key])
-        own = np.einsum("kcb,kciae->cbiae", self._shares_at, turned)
-        face = -np.einsum("kcb,kciae->cbiae", self._couple_shapes, turned[:, couples])
+        corners, couples, turning = self._corners, self._groups.corner, self._turning
+        loads = c[corners.node] * self.shares.covered[corners.node][:, None]
+        by_normal = np.einsum("ck,ckij->cij", loads, self._by_normal)
+        turned = np.einsum("cij,cjae->ciae", by_normal, self._turns[corners.key])
+        own = self._shares_at[:, :, None, None, None] * turned[:, None]
+        face = -self._couple_shapes[:, :, None, None, None] * turned[couples][:, None]
         moved = self._slopes.transpose(0, 2, 1) @ self._duals[:, :-1]
         points = PointForces(self.point_forces(c), self._at, self._shapes, moved, self.gap)
         turns = self._turns[turning.patch_of_pair]
         return [turning.of_patches(own), turning.of_pairs(face, points, turns)]
-
-
-def _of_kinds(c: Array, directions: Array) -> Array:
-    """Return pressure and friction, (2, n, ...), of multipliers (n, d) and what is unit of each."""
-    friction = np.einsum("ck,ck...->c...", c[:, 1:], directions[:, 1:])
-    return np.stack([np.einsum("c,c...->c...", c[:, 0], directions[:, 0]), friction])

@@ -28,7 +28,7 @@ class Sums:
 
     Attributes:
         of_gap: Groups by points, of shares in gaps.
-        of_slip: The same of shares in slips.
+        of_slip: The same of shares in slips and forces.
         node: Node of each group.
         key: What else the points of each group have in common.
     """
@@ -52,16 +52,8 @@ class Sums:
         return _summed(self.of_gap, values)
 
     def slips(self, values: Array) -> Array:
-        """Return the same with their shares in slips."""
+        """Return the same with their shares in slips and forces."""
         return _summed(self.of_slip, values)
-
-    def both(self, values: Array) -> Array:
-        """Return both: (2, groups, ...)."""
-        return np.stack([self.gaps(values), self.slips(values)])
-
-    def spread(self, values: Array) -> Array:
-        """Return at the points what groups have, (2, groups, ...), in proportion to the shares."""
-        return np.asarray(self.of_gap.T @ values[0] + self.of_slip.T @ values[1])
 
 
 def _summed(matrix: scipy.sparse.csr_array, values: Array) -> Array:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Shares of points in the averages of nodes, on surfaces of which a part is covered.
 
-Gaps are averages with the hats of the nodes, slips with :mod:`~fenicsx_friction.obstacles.dual_hats`.
+Gaps are averages with the hats of the nodes, slips with functions that are
+:mod:`dual <fenicsx_friction.obstacles.dual_hats>` to them, by which forces act, too.
 Where little of a node's hat is covered, both functions are added to those of the nodes beside: none
 of the remaining nodes is small, and the sum of each kind is one on all that is covered.
 """
@@ -30,7 +31,7 @@ class Shares:
 
     Attributes:
         node, point: Those of each share; a point may have several in one node.
-        values: The shares in the gap, and in the slip, (2, shares). Those of a node add up to one.
+        values: The shares in gap, and in slip and force, (2, shares). Those of a node add up to one.
         covered: What is covered of the test functions of each node (m²), zero without one.
     """
 
