@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Nodes that have gone through an obstacle within a step."""
+"""Nodes that have gone through an obstacle within a step, or meet it in a way that is wrong."""
 
 import numpy as np
 
@@ -16,17 +16,27 @@ MISSED = (
     "are open on average, but the obstacle is deep in the faces round them: it is smaller than "
     "they are; take a finer mesh, or a displacement of degree 1."
 )
+ASKEW = (
+    "are at an edge that presses along the normals of its own faces, not of those that it stands "
+    "on: more than 2 % of the force has a wrong direction. Take the flat body's surface as the "
+    'secondary one, or method="node-to-face", or round the edge with several faces.'
+)
 
 
 def crossed_nodes(system: ContactSystem) -> list[str]:
-    """Name the nodes that have gone through an obstacle in the step; collective, on all ranks.
+    """Name the nodes that make a solution wrong, and say why; collective, on all ranks.
 
-    Nodes that a closed contact holds are not tested.
+    Nodes that a closed contact holds have not gone through.
     """
     lines = []
     for k, state in zip(system.contacts, system.nodal_states(), strict=True):
         closed = state.states() != OPEN
-        found = ((k.pairing.missed(closed), MISSED), (k.pairing.crossed(closed), THROUGH))
+        pairing = k.pairing
+        found = (
+            (pairing.missed(closed), MISSED),
+            (pairing.crossed(closed), THROUGH),
+            (pairing.askew(closed), ASKEW),
+        )
         for nodes, what in found:
             if number := system.comm.allreduce(int(np.sum(nodes))):
                 where = named(k.surface, np.flatnonzero(nodes))

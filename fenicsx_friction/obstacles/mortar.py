@@ -18,6 +18,7 @@ import numpy.typing as npt
 from ..surfaces.surface import ContactSurface
 from .averaged import DEEP, Averaged
 from .dual_hats import dual_hats
+from .edges import Edges
 from .facing import Facing, Positions
 from .kinematics import Array
 from .mortar_element import MortarElement
@@ -62,6 +63,7 @@ class Mortar(Averaged, TwoBodies):
         # A node of both surfaces, as at the tip of a crack, has no gap: its hat goes to others.
         both = self._facing.primary.rows.contains_local(side.parent_dofs[:n])
         self._full[self._secondary.gather(both)] = np.inf
+        self._edges = Edges(primary.mesh.comm, self._facing.secondary, self._secondary.own)
         self._last_version = 0
         self.anchor()
 
@@ -224,6 +226,12 @@ class Mortar(Averaged, TwoBodies):
         depths, shares, deepest = self._depths(), self._element.shares, np.zeros(len(closed))
         np.maximum.at(deepest, shares.node, depths[shares.point])
         return np.asarray(~closed & (deepest > DEEP * self.side.facet_size()))
+
+    def askew(self, closed: Mask) -> Mask:
+        """Tell which nodes at edges press along their own faces; collective."""
+        self.update()
+        force = self.side.nodal(self.side.c)[:, 0] * self.acting_area() * closed
+        return self._edges.askew(self._element, force)
 
     def on_plane(self, still: Mask) -> Mask:
         """Tell in which directions a node of the other surface round each node is held, too."""

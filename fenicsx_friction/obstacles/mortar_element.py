@@ -83,7 +83,7 @@ class MortarElement:
         self.frames, by_normal = carried_frames(normals[patch], axis[node], hint[node])
         self._turns = turns
         self._by_normal = by_normal
-        normal = normals[points.patch]
+        self._normal = normal = normals[points.patch]
         dofs = secondary.dofs[secondary.face_of(points.patch)]
         self.x = (self._at[:, None] @ x[0][dofs])[:, 0]
         eta, gap = cast(primary, x[1], points.face, self.x, normal, points.eta)
@@ -108,6 +108,15 @@ class MortarElement:
         return np.asarray(
             self._groups.to_node @ np.column_stack([gap, slip, directions, corners.gaps(self.x)])
         )
+
+    def tilts(self) -> Array:
+        """Return how the normals at the points differ from those of the faces that they see."""
+        seen = self._duals[:, -1]
+        return np.asarray(self._normal - seen / np.linalg.norm(seen, axis=1, keepdims=True))
+
+    def averages(self, values: Array) -> Array:
+        """Return averages of what points have, (points, d), as those of gaps."""
+        return np.asarray(self._groups.to_node @ self._corners.gaps(values))
 
     def slopes(self) -> Array:
         """Return the derivatives of the field: (nodes, entries, stencil, d)."""

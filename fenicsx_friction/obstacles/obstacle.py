@@ -200,14 +200,7 @@ class Pairing(ABC):
         return np.zeros(self.side.surface.num_owned)
 
     def crossed(self, closed: Mask) -> Mask:
-        """Tell which nodes have gone through the obstacle since the last step; collective.
-
-        Args:
-            closed: Owned nodes that a closed contact holds; they are not tested.
-
-        Returns:
-            One flag an owned node.
-        """
+        """Tell which nodes that are not closed went through the obstacle in the step; collective."""
         return np.zeros(len(closed), dtype=bool)
 
     def held_depths(self, held: fem.Function) -> Array:
@@ -216,6 +209,10 @@ class Pairing(ABC):
 
     def missed(self, closed: Mask) -> Mask:
         """Tell which nodes that are not closed have the obstacle deep in faces; collective."""
+        return np.zeros(len(closed), dtype=bool)
+
+    def askew(self, closed: Mask) -> Mask:
+        """Tell which closed nodes press in a wrong direction; collective."""
         return np.zeros(len(closed), dtype=bool)
 
     def prescribed(self, fixed: fem.Function, nodes: Mask, still: Mask) -> Mask:

@@ -75,9 +75,7 @@ def find_shares(
     return Shares(node, point, values / covered[node], covered)
 
 
-def _given_away(
-    face_nodes: Indices, covered: Array, small: Mask
-) -> tuple[Indices, Indices, Array]:
+def _given_away(face_nodes: Indices, covered: Array, small: Mask) -> tuple[Indices, Indices, Array]:
     """Return who gives functions (ascending), to whom, and which part; others keep their own."""
     n, corners = len(covered), face_nodes.shape[1]
     i, j = np.repeat(face_nodes, corners, axis=1).ravel(), np.tile(face_nodes, corners).ravel()
