@@ -86,9 +86,9 @@ def test_what_is_refused_is_wrong_by_as_much_as_is_measured(monkeypatch):
     """Unchecked, the force leans, and dragging one way makes energy out of nothing."""
     parts = []
 
-    def measure(self, element, force):
+    def measure(self, element, force, held):
         """Keep the part of the force in a wrong direction."""
-        tilts = element.averages(element.tilts()) * self._nodes[:, None]
+        tilts = element.averages(element.tilts()) * (self._nodes[:, None] & ~held)
         parts.append(np.linalg.norm(force @ tilts) / np.sum(force))
         return np.zeros(len(force), dtype=bool)
 

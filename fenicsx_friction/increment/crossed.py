@@ -4,6 +4,7 @@
 import numpy as np
 
 from ..certificate.nodal_state import OPEN
+from ..equations.conditions import constrained_dofs
 from ..surfaces.naming import named
 from .system import ContactSystem
 
@@ -31,11 +32,12 @@ def crossed_nodes(system: ContactSystem) -> list[str]:
     lines = []
     for k, state in zip(system.contacts, system.nodal_states(), strict=True):
         closed = state.states() != OPEN
-        pairing = k.pairing
+        pairing, held = k.pairing, np.zeros(len(system.u.x.array))
+        held[constrained_dofs(system.u.function_space, system.bcs)] = 1.0
         found = (
             (pairing.missed(closed), MISSED),
             (pairing.crossed(closed), THROUGH),
-            (pairing.askew(closed), ASKEW),
+            (pairing.askew(closed, pairing.side.owned(held) > 0.5), ASKEW),
         )
         for nodes, what in found:
             if number := system.comm.allreduce(int(np.sum(nodes))):

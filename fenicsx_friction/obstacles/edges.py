@@ -42,14 +42,17 @@ class Edges:
         self._comm, number = comm, comm.allreduce(own.stop, MPI.MAX)
         self._nodes = _edge_nodes(faces, number)[own]
 
-    def askew(self, element: MortarElement, force: Array) -> Mask:
+    def askew(self, element: MortarElement, force: Array, held: Mask) -> Mask:
         """Tell which nodes press in a wrong direction, if all of them together do; collective.
+
+        On a symmetry plane the surface has no end: what is wrong across it is right with its image.
 
         Args:
             element: How the nodes meet the other body.
             force: Normal forces of this rank's nodes (N).
+            held: Their displacements that are prescribed, (nodes, d).
         """
-        tilts = element.averages(element.tilts()) * self._nodes[:, None]
+        tilts = element.averages(element.tilts()) * (self._nodes[:, None] & ~held)
         wrong = np.linalg.norm(self._comm.allreduce(force @ tilts))
         if wrong <= ASKEW * self._comm.allreduce(float(np.sum(force))):
             return np.zeros(len(force), dtype=bool)

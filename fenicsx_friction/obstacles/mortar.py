@@ -227,11 +227,11 @@ class Mortar(Averaged, TwoBodies):
         np.maximum.at(deepest, shares.node, depths[shares.point])
         return np.asarray(~closed & (deepest > DEEP * self.side.facet_size()))
 
-    def askew(self, closed: Mask) -> Mask:
+    def askew(self, closed: Mask, held: Mask) -> Mask:
         """Tell which nodes at edges press along their own faces; collective."""
         self.update()
         force = self.side.nodal(self.side.c)[:, 0] * self.acting_area() * closed
-        return self._edges.askew(self._element, force)
+        return self._edges.askew(self._element, force, held)
 
     def on_plane(self, still: Mask) -> Mask:
         """Tell in which directions a node of the other surface round each node is held, too."""

@@ -4,7 +4,8 @@
 A secondary point ``x`` with the normal ``n`` of its patch sees the primary point ``y``:
 ``x - y = g n``. Gap and slip of a node are averages over the points round it, each with shares of
 its own. The force of its multipliers acts at the same points, by the shares of slips, opposite on
-both bodies. Which points there are, and what they see, does not change here; where they see it does.
+both bodies. Which points there are, and what they see, does not change here; where they see it
+does.
 """
 
 from __future__ import annotations

@@ -44,8 +44,8 @@ class Sums:
         number = int(keys.max(initial=0)) + 1
         groups, inverse = np.unique(shares.node * number + keys, return_inverse=True)
         place, shape = (inverse.ravel(), shares.point), (len(groups), points)
-        matrices = [scipy.sparse.csr_array((v, place), shape=shape) for v in shares.values]
-        return cls(*matrices, groups // number, groups % number)
+        of_gap, of_slip = (scipy.sparse.csr_array((v, place), shape=shape) for v in shares.values)
+        return cls(of_gap, of_slip, groups // number, groups % number)
 
     def gaps(self, values: Array) -> Array:
         """Return the sums of values at the points, (points, ...), with their shares in gaps."""

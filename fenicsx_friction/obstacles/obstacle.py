@@ -200,7 +200,7 @@ class Pairing(ABC):
         return np.zeros(self.side.surface.num_owned)
 
     def crossed(self, closed: Mask) -> Mask:
-        """Tell which nodes that are not closed went through the obstacle in the step; collective."""
+        """Tell which nodes that are not closed have gone through in the step; collective."""
         return np.zeros(len(closed), dtype=bool)
 
     def held_depths(self, held: fem.Function) -> Array:
@@ -211,8 +211,8 @@ class Pairing(ABC):
         """Tell which nodes that are not closed have the obstacle deep in faces; collective."""
         return np.zeros(len(closed), dtype=bool)
 
-    def askew(self, closed: Mask) -> Mask:
-        """Tell which closed nodes press in a wrong direction; collective."""
+    def askew(self, closed: Mask, held: Mask) -> Mask:
+        """Tell which closed nodes press in a wrong direction; held dofs count not; collective."""
         return np.zeros(len(closed), dtype=bool)
 
     def prescribed(self, fixed: fem.Function, nodes: Mask, still: Mask) -> Mask:

@@ -31,7 +31,7 @@ class Shares:
 
     Attributes:
         node, point: Those of each share; a point may have several in one node.
-        values: The shares in gap, and in slip and force, (2, shares). Those of a node add up to one.
+        values: The shares in gap, and in slip and force, (2, shares). Each adds up to one in a node.
         covered: What is covered of the test functions of each node (m²), zero without one.
     """
 
@@ -69,8 +69,8 @@ def find_shares(
     if np.any(small):
         giver, taker, part = _given_away(face_nodes[np.unique(face)], covered, small)
         rows, number = ranges(giver, node)
-        values, point = (np.repeat(a, number, axis=-1) for a in (values, point))
-        node, values = taker[rows], values * part[rows]
+        point, node = np.repeat(point, number), taker[rows]
+        values = np.repeat(values, number, axis=1) * part[rows]
         covered = np.asarray(np.bincount(node, values[0], minlength=n))
     return Shares(node, point, values / covered[node], covered)
 
