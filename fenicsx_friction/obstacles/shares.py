@@ -31,7 +31,7 @@ class Shares:
 
     Attributes:
         node, point: Those of each share; a point may have several in one node.
-        values: The shares in gap, and in slip and force, (2, shares). Each adds up to one in a node.
+        values: The shares in gap, and in slip and force, (2, shares); each kind adds up to one.
         covered: What is covered of the test functions of each node (m²), zero without one.
     """
 
