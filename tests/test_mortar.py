@@ -204,7 +204,7 @@ def model_reaction(model):
 
 
 def tilted_block(tag_sides, method, name):
-    """A block, turned by 0.3, over a wide base, without friction; its sides are tagged or not."""
+    """A block, turned by 0.04, over a wide base, without friction; its sides are tagged or not."""
     parts = (
         box((-1.0, -0.6), (2.0, 0.0), (24, 5), "quadrilateral"),
         box((0.0, 0.0), (1.0, 1.0), (12, 12), "quadrilateral"),
@@ -235,7 +235,7 @@ def tilted_block(tag_sides, method, name):
         petsc_options_prefix=name,
     )
     X = V.tabulate_dof_coordinates()
-    for angle in (0.1, 0.2, 0.3):
+    for angle in (0.02, 0.04):
         cosine, sine = np.cos(angle), np.sin(angle)
         turned = X[:, :2] @ np.array([[cosine, sine], [-sine, cosine]]) - X[:, :2]
         top.x.array[:] = (turned + [0.0, -0.03]).ravel()
@@ -247,7 +247,7 @@ def test_the_sides_of_a_tilted_block_do_not_see_what_it_stands_on():
     bottom, every = (tilted_block(k, "mortar", f"tilted_{k}_") for k in (False, True))
     assert bottom[1] > 3.0
     assert every == pytest.approx(bottom, rel=1e-9, abs=1e-9)
-    assert abs(bottom[0]) < 0.2 * bottom[1]  # a corner is no plane
+    assert abs(bottom[0]) < 0.02 * bottom[1]
 
 
 def test_a_corner_that_conditions_move_has_friction():

@@ -145,7 +145,7 @@ def test_hertz_hemispheres():
     p0 = 1.5 * F / (np.pi * a**2)
     assert p0 == pytest.approx(2798.3, rel=0.05)
     assert np.max(r[states != ff.OPEN]) == pytest.approx(a, abs=1.01 * a / n)
-    assert distance(area, pressure, p0 * ellipse(r, a)) < 0.1
+    assert distance(area, pressure, p0 * ellipse(r, a)) < 0.12  # 0.054 with 9 faces on a
 
 
 def distance(area, field, exact):

@@ -13,7 +13,7 @@ from ..base.collective import any_rank
 from ..base.errors import ContactInputError
 from ..certificate.nodal_state import NodalState
 from ..obstacles.kinematics import Array
-from ..obstacles.obstacle import Pairing
+from ..obstacles.pairing import Pairing
 from . import frame
 
 #: A node touches at gaps below this fraction of its facets' size.

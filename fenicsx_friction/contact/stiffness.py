@@ -6,7 +6,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..obstacles.kinematics import Array
-from ..obstacles.obstacle import Pairing
+from ..obstacles.pairing import Pairing
 from ..surfaces.surface import ContactSurface
 
 #: The scale is that of the primary surface from this ratio on.

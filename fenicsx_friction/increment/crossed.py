@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Nodes that have gone through an obstacle within a step."""
+"""Nodes that have gone through an obstacle within a step, or meet it in a way that is wrong."""
+
+from functools import partial
 
 import numpy as np
 
 from ..certificate.nodal_state import OPEN
+from ..equations.conditions import constrained_dofs
 from ..surfaces.naming import named
 from .system import ContactSystem
 
@@ -20,16 +23,27 @@ MISSED = (
     "are open, but the obstacle is deep in the faces round them: it is smaller than they are; "
     "take a finer mesh, or a displacement of degree 1."
 )
+ASKEW = (
+    "are at an edge that presses along the normals of its own faces, not of those that it stands "
+    "on: more than 2 % of the force has a wrong direction. Take the flat body's surface as the "
+    'secondary one, or method="node-to-face", or round the edge with several faces.'
+)
 
 
 def crossed_nodes(system: ContactSystem) -> list[str]:
-    """Say of each contact which nodes have gone through in the step; collective, on all ranks."""
-    lines = []
+    """Say of each contact which nodes make a solution wrong, and why; collective, on all ranks."""
+    lines, held = [], np.zeros(len(system.u.x.array))
+    held[constrained_dofs(system.u.function_space, system.bcs)] = 1.0
     for k, state in zip(system.contacts, system.nodal_states(), strict=True):
         closed, pairing = state.states() != OPEN, k.pairing
-        tests = (pairing.crossed, THROUGH), (pairing.missed, MISSED), (pairing.pierced, PIERCED)
+        tests = (
+            (partial(pairing.crossed, closed), THROUGH),
+            (partial(pairing.missed, closed), MISSED),
+            (partial(pairing.pierced, closed), PIERCED),
+            (partial(pairing.askew, closed & ~state.ties, pairing.side.owned(held) > 0.5), ASKEW),
+        )
         for test, what in tests:
-            nodes = test(closed)
+            nodes = test()
             if number := system.comm.allreduce(int(np.sum(nodes))):
                 where = named(k.surface, np.flatnonzero(nodes))
                 lines.append(f"{number} nodes of '{k.surface.name}' {what}{where}")

@@ -17,7 +17,7 @@ from ..surfaces.face_tables import gauss
 from ..surfaces.nodal_kernel import NodalKernel
 from .between import Between
 from .kinematics import Array
-from .obstacle import Mask
+from .pairing import Mask
 from .rigid_pairing import Rigid, RigidPairing
 from .side import Side
 

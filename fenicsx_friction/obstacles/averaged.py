@@ -10,7 +10,7 @@ from dolfinx import fem
 
 from .face_frames import along_planes
 from .kinematics import Array, frames, slices
-from .obstacle import Mask, Pairing
+from .pairing import Mask, Pairing
 
 #: Weights of dofs below this count as none.
 WEIGHTLESS = 1e-12

@@ -11,7 +11,7 @@ from ..surfaces.face_points import FacePoints
 from ..surfaces.faces import surface_normals
 from .averaged import DEEP
 from .kinematics import Array
-from .obstacle import Mask
+from .pairing import Mask
 from .rigid_pairing import Rigid
 from .side import Side
 

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Test functions of nodes: dual to the hats of the vertices where faces are covered.
+"""Test functions of slips: dual to the hats of the vertices where faces are covered.
 
 Averages with the hats themselves couple neighbours: where slip begins, the pattern of errors that
 average to zero has alternating signs. Dual functions (Wohlmuth, SIAM J. Numer. Anal. 38, 2000)
 have none: the average of a linear function is its value at the vertex. Their integrals are those of
 the hats, positive, and their sum is one. They are made from what is covered of a face. Where that
 is a small part they are steep: there they give way to the hats.
+
+They are negative in places. A slip has no sign that this could spoil. A gap has: its averages must
+not be negative where nothing overlaps, so they are those with the hats.
 """
 
 from __future__ import annotations
@@ -36,3 +39,9 @@ def dual_hats(faces: LagrangeFaces, points: Segments) -> Array:
     dual = integrals[:, :, None] * np.linalg.inv(mass[some])
     change[some] += share[some, None, None] * (dual - np.eye(corners))
     return np.einsum("pij,pj->pi", change[face], hats)
+
+
+def weights_of(faces: LagrangeFaces, points: Segments) -> Array:
+    """Return hats and dual functions at points, times their area: (2, points, nodes)."""
+    functions = np.stack([faces.hats(points.xi), dual_hats(faces, points)])
+    return np.asarray(functions * points.weight[:, None])

@@ -49,7 +49,7 @@ class FacePairs:
     def anchor(self) -> None:
         """Pair the nodes at ``u_old`` and keep the points of the faces that they meet there."""
         n = self._secondary.own.stop - self._secondary.own.start
-        held = self._side.c.x.array[: n * self._side.d : self._side.d] > 0.0
+        held = self._side.c.x.array[: n * self._side.d : self._side.d] != 0.0
         self.pairs = self.start = self._find(self._side.u_old, held)
         self._met = [self.pairs.face]
         self._place_old()

@@ -16,15 +16,16 @@ import numpy.typing as npt
 
 from ..surfaces.surface import ContactSurface
 from .averaged import DEEP, Averaged
-from .dual_hats import dual_hats
+from .dual_hats import weights_of
+from .edges import Edges
 from .facing import Facing, Positions
 from .kinematics import Array
 from .mortar_element import MortarElement
-from .obstacle import Mask
 from .old_points import points_before
+from .pairing import Mask
 from .search import SearchPolicy
 from .segments import Segments, find_segments
-from .shares import Shares, find_shares
+from .shares import find_shares
 from .side import Side
 from .two_bodies import Indices, TwoBodies
 
@@ -61,6 +62,7 @@ class Mortar(Averaged, TwoBodies):
         # A node of both surfaces, as at the tip of a crack, has no gap: its hat goes to others.
         both = self._facing.primary.rows.contains_local(side.parent_dofs[:n])
         self._full[self._secondary.gather(both)] = np.inf
+        self._edges = Edges(primary.mesh.comm, self._facing.secondary, self._secondary.own)
         self._last_version = 0
         self.anchor()
 
@@ -153,7 +155,7 @@ class Mortar(Averaged, TwoBodies):
         x = self._facing.positions(u_old)
         normals = self._secondary.node_normals(self._secondary.positions(self.side.u_old))
         self._axis = -normals[self._secondary.own]
-        held = self._secondary.gather(self.side.nodal(self.side.c)[:, 0] > 0.0)
+        held = self._secondary.gather(self.side.nodal(self.side.c)[:, 0] != 0.0)
         self._start = (x, self._see(x))
         self._take(self._start[1], x, held)
 
@@ -175,18 +177,13 @@ class Mortar(Averaged, TwoBodies):
         """Average over these points, found at these positions, from now on; collective."""
         self._seen_at = x
         secondary, own = self._facing.secondary, self._secondary.own
-        face = secondary.face_of(points.patch)
-        weights = dual_hats(secondary, points) * points.weight[:, None]
-        shares = find_shares(secondary.nodes, face, weights, self._full, kept)
-        mine = (shares.node >= own.start) & (shares.node < own.stop)
-        used, point = np.unique(shares.point[mine], return_inverse=True)
-        node = shares.node[mine] - own.start
-        shares = Shares(node, point.ravel(), shares.value[mine], shares.covered[own])
+        face, weights = secondary.face_of(points.patch), weights_of(secondary, points)
+        every = find_shares(secondary.nodes, face, weights, self._full, kept)
+        shares, used = every.of_nodes(own).renumbered()
         points = points.take(used)
         old = points_before(self._facing, points, *self._start)
         element = MortarElement(self._facing, points, old, shares, self._own)
-        comm = self.primary.mesh.comm
-        element.widen(comm.allreduce(element.stencil.shape[1], MPI.MAX))
+        element.widen(self.primary.mesh.comm.allreduce(element.stencil.shape[1], MPI.MAX))
         self._element, self._inputs_before = element, None
         self.version = self._last_version = self._last_version + 1
 
@@ -223,14 +220,18 @@ class Mortar(Averaged, TwoBodies):
         """Tell which open nodes have points deep in the other body; collective."""
         depths, shares, deepest = self._depths(), self._element.shares, np.zeros(len(closed))
         np.maximum.at(deepest, shares.node, depths[shares.point])
-        size = np.minimum(self.side.facet_size(), self.faces.size)
-        return np.asarray(~closed & (deepest > DEEP * size))
+        most = DEEP * np.minimum(self.side.facet_size(), self.faces.size)
+        return np.asarray(~closed & (deepest > most))
 
     def couples(self) -> tuple[Indices, Indices]:
         """Return nodes and the nodes of the faces that they see."""
-        shares, seen = self._element.shares, self._element.points.face
-        corners = self._facing.primary.nodes[seen[shares.point]]
-        return np.repeat(shares.node, corners.shape[1]), corners.ravel()
+        return self._element.couples()
+
+    def askew(self, closed: Mask, held: Mask) -> Mask:
+        """Tell which nodes at edges press along their own faces; collective."""
+        self.update()
+        force = self.side.nodal(self.side.c)[:, 0] * self.acting_area() * closed
+        return self._edges.askew(self._element, force, held)
 
     def on_plane(self, still: Mask) -> Mask:
         """Tell in which directions a node of the other surface round each node is held, too."""
@@ -245,5 +246,5 @@ class Mortar(Averaged, TwoBodies):
     def rounding(self) -> Array:
         """Return the distance of each node from where positions count (m); collective."""
         self.update()
-        x = self._facing.positions(self.side.u.x.array)
-        return np.asarray(np.max(abs(x[0][self._own]), axis=1))
+        own = self._facing.positions(self.side.u.x.array)[0][self._own]
+        return np.asarray(np.max(abs(own), axis=1))

@@ -2,9 +2,10 @@
 """Kinematics and forces of nodes that meet another body on average, with exact derivatives.
 
 A secondary point ``x`` with the normal ``n`` of its patch sees the primary point ``y``:
-``x - y = g n``. Gap and slip of a node are averages over the points round it; the force of its
-multipliers acts at the same points, opposite on both bodies. Which points there are, and what they
-see, does not change here; where they see it does.
+``x - y = g n``. Gap and slip of a node are averages over the points round it, each with shares of
+its own. The force of its multipliers acts at the same points, by the shares of slips, opposite on
+both bodies. Which points there are, and what they see, does not change here; where they see it
+does.
 """
 
 from __future__ import annotations
@@ -50,9 +51,10 @@ class MortarElement:
         self._corners, self._couples = groups.corners, groups.couples
         self._at, self._old_at = facing.secondary.shapes(points.xi), facing.primary.shapes(old[1])
         self._old_dofs = facing.primary.dofs[old[0]]
-        self._shares_at = groups.corners @ self._at
-        self._old_shares = groups.old @ self._old_at
-        self._sums = groups.corners @ np.ones(len(points.patch))
+        self._gap_shares = groups.corners.gaps(self._at)
+        self._shares_at = groups.corners.slips(self._at)
+        self._old_shares = groups.old.slips(self._old_at)
+        self._sums = groups.corners.gaps(np.ones(len(points.patch)))
 
     @property
     def stencil(self) -> Indices:
@@ -63,6 +65,11 @@ class MortarElement:
         """Give the stencils a width, as on other ranks."""
         more = width - self.stencil.shape[1]
         self._groups.stencil = np.pad(self.stencil, ((0, 0), (0, more)), constant_values=-1)
+
+    def couples(self) -> tuple[Indices, Indices]:
+        """Return nodes and the vertices of the faces that they see."""
+        corners = self._facing.primary.nodes[self.points.face[self.shares.point]]
+        return np.repeat(self.shares.node, corners.shape[1]), corners.ravel()
 
     # -- at a displacement -----------------------------------------------------------------------
 
@@ -82,7 +89,7 @@ class MortarElement:
         self.frames, by_normal = carried_frames(normals[patch], axis[node], hint[node])
         self._turns = turns
         self._by_normal = by_normal
-        normal = normals[points.patch]
+        self._normal = normal = normals[points.patch]
         dofs = secondary.dofs[secondary.face_of(points.patch)]
         self.x = (self._at[:, None] @ x[0][dofs])[:, 0]
         eta, gap = cast(primary, x[1], points.face, self.x, normal, points.eta)
@@ -94,19 +101,28 @@ class MortarElement:
         tangents = self._slopes @ x[1][primary.dofs[points.face]]
         self._duals = duals(tangents, normal)
         self._way = self.x - (self._old_at[:, None] @ x[1][self._old_dofs])[:, 0]
-        self._way_of_corner = corners @ self._way
-        self._couple_shapes = self._couples @ self._shapes
+        self._way_of_corner = corners.slips(self._way)
+        self._couple_shapes = self._couples.slips(self._shapes)
 
     def values(self) -> Array:
         """Return the field of the nodes: averages, (nodes, entries)."""
         corners, frames, way = self._corners, self.frames, self._way_of_corner
-        gap = corners @ self.gap
+        gap = corners.gaps(self.gap)
         slip = np.einsum("ckd,cd->ck", frames[:, 1:], way)
         d = frames.shape[1]
         directions = frames[:, : d - 1].reshape(len(frames), (d - 1) * d) * self._sums[:, None]
         return np.asarray(
-            self._groups.to_node @ np.column_stack([gap, slip, directions, corners @ self.x])
+            self._groups.to_node @ np.column_stack([gap, slip, directions, corners.gaps(self.x)])
         )
+
+    def tilts(self) -> Array:
+        """Return how the normals at the points differ from those of the faces that they see."""
+        seen = self._duals[:, -1]
+        return np.asarray(self._normal - seen / np.linalg.norm(seen, axis=1, keepdims=True))
+
+    def averages(self, values: Array) -> Array:
+        """Return averages of what points have, (points, d), as those of gaps."""
+        return np.asarray(self._groups.to_node @ self._corners.gaps(values))
 
     def slopes(self) -> Array:
         """Return the derivatives of the field: (nodes, entries, stencil, d)."""
@@ -114,8 +130,8 @@ class MortarElement:
         gap, slip, normal, *first, position = (slice(*where) for where in slices(d))
         across, turns = self._duals[:, -1], self._turns[corners.key]
         block = np.zeros((*turns.shape[:1], turns.shape[2], position.stop, d))  # by dof, entry, d
-        by_x = corners @ (self._at[:, :, None] * across[:, None])
-        lost = corners @ (self.gap[:, None] * across)
+        by_x = corners.gaps(self._at[:, :, None] * across[:, None])
+        lost = corners.gaps(self.gap[:, None] * across)
         block[:, :, gap.start] = by_x - np.einsum("cd,cdae->cae", lost, turns)
         block[:, :, slip] = self._shares_at[:, :, None, None] * self.frames[:, None, 1:]
         turned = np.einsum("ckij,cjae->cakie", self._by_normal, turns)
@@ -123,10 +139,10 @@ class MortarElement:
         shares = self._sums[:, None, None, None]
         for where, k in zip([normal, *first], range(d - 1), strict=True):
             block[:, :, where] = shares * turned[:, :, k]
-        block[:, :, position] = self._shares_at[:, :, None, None] * np.eye(d)
+        block[:, :, position] = self._gap_shares[:, :, None, None] * np.eye(d)
         groups = self._groups
         result = groups.on_stencils(0, block)
-        of_face = self._couples @ (self._shapes[:, :, None] * across[:, None])
+        of_face = self._couples.gaps(self._shapes[:, :, None] * across[:, None])
         result[:, :, gap.start] -= groups.on_stencils(1, of_face)
         old = self._old_shares[:, :, None, None] * self.frames[groups.old_corner][:, None, 1:]
         result[:, :, slip] -= groups.on_stencils(2, old)
@@ -158,7 +174,7 @@ class MortarElement:
         node = self._corners.node
         of_corner = np.einsum("ck,ckd->cd", c[node], self.frames)
         of_corner *= self.shares.covered[node][:, None]
-        return np.asarray(self._corners.matrix.T @ of_corner)
+        return np.asarray(self._corners.of_slip.T @ of_corner)
 
     def turned(self) -> list[tuple[Indices, Indices]]:
         """Return the dofs of the rows and columns of the blocks of :meth:`turning`."""

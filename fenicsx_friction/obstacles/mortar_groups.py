@@ -27,12 +27,14 @@ class Sums:
     """Sums of points with their shares, over groups of points.
 
     Attributes:
-        matrix: Groups by points.
+        of_gap: Groups by points, of shares in gaps.
+        of_slip: The same of shares in slips and forces.
         node: Node of each group.
         key: What else the points of each group have in common.
     """
 
-    matrix: scipy.sparse.csr_array
+    of_gap: scipy.sparse.csr_array
+    of_slip: scipy.sparse.csr_array
     node: Indices
     key: Indices
 
@@ -41,14 +43,23 @@ class Sums:
         """Sum over the points of a node that have a key in common; keys are those of shares."""
         number = int(keys.max(initial=0)) + 1
         groups, inverse = np.unique(shares.node * number + keys, return_inverse=True)
-        entries = (shares.value, (inverse.ravel(), shares.point))
-        matrix = scipy.sparse.csr_array(entries, shape=(len(groups), points))
-        return cls(matrix, groups // number, groups % number)
+        place, shape = (inverse.ravel(), shares.point), (len(groups), points)
+        of_gap, of_slip = (scipy.sparse.csr_array((v, place), shape=shape) for v in shares.values)
+        return cls(of_gap, of_slip, groups // number, groups % number)
 
-    def __matmul__(self, values: Array) -> Array:
-        """Return the sums of values at the points, (points, ...)."""
-        flat = self.matrix @ values.reshape(len(values), math.prod(values.shape[1:]))
-        return np.asarray(flat.reshape(len(self.node), *values.shape[1:]))
+    def gaps(self, values: Array) -> Array:
+        """Return the sums of values at the points, (points, ...), with their shares in gaps."""
+        return _summed(self.of_gap, values)
+
+    def slips(self, values: Array) -> Array:
+        """Return the same with their shares in slips and forces."""
+        return _summed(self.of_slip, values)
+
+
+def _summed(matrix: scipy.sparse.csr_array, values: Array) -> Array:
+    """Return a matrix times arrays of any shape."""
+    flat = matrix @ values.reshape(len(values), math.prod(values.shape[1:]))
+    return np.asarray(flat.reshape(matrix.shape[0], *values.shape[1:]))
 
 
 class Groups:

@@ -13,8 +13,8 @@ from dolfinx import fem
 from ..surfaces.face_cells import Array, project
 from ..surfaces.surface import ContactSurface
 from .face_pairs import FacePairs
-from .obstacle import Mask
 from .pair_kernel import PairGeometry, PairKernel
+from .pairing import Mask
 from .search import Pairs, SearchPolicy
 from .side import Side
 from .two_bodies import Indices, TwoBodies

@@ -14,7 +14,7 @@ import numpy as np
 from ..base.collective import any_rank
 from .kinematics import Array
 from .motion import Motion
-from .obstacle import Mask
+from .pairing import Mask
 from .side import Side
 
 #: Points on a way. An obstacle thinner than the way over this number may be missed.

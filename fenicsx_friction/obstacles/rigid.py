@@ -17,7 +17,8 @@ from ..surfaces.elements import nodal_on_facets
 from .all_nodes import AllNodesPairing
 from .kinematics import Array, entries
 from .motion import Motion
-from .obstacle import Mask, Obstacle
+from .obstacle import Obstacle
+from .pairing import Mask
 from .passage import Travelling, through_anything
 from .rigid_pairing import RigidPairing
 from .side import Side

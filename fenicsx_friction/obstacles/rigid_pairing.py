@@ -16,7 +16,7 @@ from ..base.collective import any_rank
 from ..surfaces.nodal_kernel import NodalKernel, Sites
 from .kinematics import Array
 from .motion import Motion
-from .obstacle import Mask, Pairing
+from .pairing import Mask, Pairing
 from .passage import ways
 from .rigid_body import RigidBody
 from .side import Side

@@ -14,7 +14,7 @@ from ufl.core.expr import Expr
 
 from ..base.validators import flag, number, vector
 from .kinematics import Array
-from .obstacle import Mask
+from .pairing import Mask
 from .passage import Travelling, through_ball
 from .rigid import RigidObstacle, check_dimension, middle, unit
 from .side import Side

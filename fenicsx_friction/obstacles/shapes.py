@@ -14,7 +14,7 @@ from ufl.core.expr import Expr
 from ..base.errors import ContactInputError
 from ..base.validators import call, kind, shown, vector
 from .kinematics import Array
-from .obstacle import Mask
+from .pairing import Mask
 from .passage import Travelling
 from .rigid import RigidObstacle, check_dimension, middle, unit
 from .rigid_pairing import RigidPairing

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Shares of points in the averages of nodes, on surfaces of which a part is covered.
 
-Where little of a node's test function is covered, it is added to those of the nodes beside: none of
-the remaining nodes is small, none has a negative weight, and their sum is one on all that is
-covered. (``hats`` are these functions here, dual or not.)
+Gaps are averages with the hats of the nodes, slips with functions that are
+:mod:`dual <fenicsx_friction.obstacles.dual_hats>` to them, by which forces act, too.
+Where little of a node's hat is covered, both functions are added to those of the nodes beside: none
+of the remaining nodes is small, and the sum of each kind is one on all that is covered.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
+
+from .segments import ranges
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -25,18 +27,29 @@ SMALL, LARGE = 0.05, 0.06
 
 @dataclass(frozen=True)
 class Shares:
-    """The shares, one entry for each node and each point of its average, by node and point.
+    """The shares of points in the averages of nodes.
 
     Attributes:
-        node, point: As said.
-        value: The shares; those of a node add up to one.
-        covered: What is covered of the test function of each node (m²), zero without one.
+        node, point: Those of each share; a point may have several in one node.
+        values: The shares in gap, and in slip and force, (2, shares); each kind adds up to one.
+        covered: What is covered of the test functions of each node (m²), zero without one.
     """
 
     node: Indices
     point: Indices
-    value: Array
+    values: Array
     covered: Array
+
+    def of_nodes(self, nodes: slice) -> Shares:
+        """Return the shares of some nodes, numbered from the first of them."""
+        mine = (self.node >= nodes.start) & (self.node < nodes.stop)
+        node = self.node[mine] - nodes.start
+        return Shares(node, self.point[mine], self.values[:, mine], self.covered[nodes])
+
+    def renumbered(self) -> tuple[Shares, Indices]:
+        """Return them by the numbers of the points among those that count; and these."""
+        used, point = np.unique(self.point, return_inverse=True)
+        return Shares(self.node, point.ravel(), self.values, self.covered), used
 
 
 def find_shares(
@@ -47,31 +60,31 @@ def find_shares(
     Args:
         face_nodes: The nodes of each face.
         face: The face of each point.
-        weights: Hats of the face's nodes at the points, times the area of the points.
+        weights: Hats and dual functions of the face's nodes at the points, times the area of the
+            points: (2, points, nodes).
         full: The integrals of the whole hats (m²).
         kept_before: Nodes that had a test function so far.
     """
-    n, points = len(full), len(face)
-    node, point = face_nodes[face].ravel(), np.repeat(np.arange(points), face_nodes.shape[1])
-    hats = scipy.sparse.csr_array((weights.ravel(), (node, point)), shape=(n, points))
-    covered = np.asarray(np.bincount(node, weights.ravel(), minlength=n), dtype=float)
+    n, corners = len(full), face_nodes.shape[1]
+    node, point = face_nodes[face].ravel(), np.repeat(np.arange(len(face)), corners)
+    values = weights.reshape(2, len(node))
+    covered = np.asarray(np.bincount(node, values[0], minlength=n), dtype=float)
     least = np.where(kept_before, SMALL, LARGE)
     small = (covered > 0.0) & (covered < least * full)
     if np.any(small):
-        hats = (_given_away(face_nodes[np.unique(face)], covered, small) @ hats).tocsr()
-        covered = hats.sum(axis=1)
-    hats.sort_indices()
-    found = hats.tocoo()
-    row, column = found.coords
-    return Shares(row, column, found.data / covered[row], covered)
+        giver, taker, part = _given_away(face_nodes[np.unique(face)], covered, small)
+        rows, number = ranges(giver, node)
+        point, node = np.repeat(point, number), taker[rows]
+        values = np.repeat(values, number, axis=1) * part[rows]
+        covered = np.asarray(np.bincount(node, values[0], minlength=n))
+    return Shares(node, point, values / covered[node], covered)
 
 
-def _given_away(face_nodes: Indices, covered: Array, small: Mask) -> scipy.sparse.csr_array:
-    """Return the matrix that gives the hats of small nodes to nodes beside them."""
+def _given_away(face_nodes: Indices, covered: Array, small: Mask) -> tuple[Indices, Indices, Array]:
+    """Return who gives functions (ascending), to whom, and which part; others keep their own."""
     n, corners = len(covered), face_nodes.shape[1]
     i, j = np.repeat(face_nodes, corners, axis=1).ravel(), np.tile(face_nodes, corners).ravel()
-    beside = scipy.sparse.csr_array((np.ones(len(i)), (i, j)), shape=(n, n)).tocoo()
-    i, j = (a[(beside.data > 0.0)] for a in beside.coords)
+    i, j = np.divmod(np.unique(i * n + j), n)
     # Where all are small, the largest of them stays.
     largest = np.zeros(n)
     np.maximum.at(largest, i, np.where(i == j, 0.0, covered[j]))
@@ -82,6 +95,7 @@ def _given_away(face_nodes: Indices, covered: Array, small: Mask) -> scipy.spars
     i, j = i[gives], j[gives]
     total = np.bincount(i, covered[j], minlength=n)
     alone = np.flatnonzero((covered > 0.0) & ((total == 0.0) | stays))
-    rows, columns = np.concatenate([j, alone]), np.concatenate([i, alone])
-    values = np.concatenate([covered[j] / total[i], np.ones(len(alone))])
-    return scipy.sparse.csr_array((values, (rows, columns)), shape=(n, n))
+    giver, taker = np.concatenate([i, alone]), np.concatenate([j, alone])
+    part = np.concatenate([covered[j] / total[i], np.ones(len(alone))])
+    order = np.argsort(giver, kind="stable")
+    return giver[order], taker[order], part[order]

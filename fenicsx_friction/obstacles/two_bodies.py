@@ -21,7 +21,7 @@ from .averaged import DEEP
 from .crossing import DEPTH, Trail, find_crossed
 from .face_frames import along_planes
 from .kinematics import Array
-from .obstacle import Mask, Pairing
+from .pairing import Mask, Pairing
 from .search import TIE, SearchPolicy, find_pairs, nearest_faces
 from .side import Side
 from .view import View

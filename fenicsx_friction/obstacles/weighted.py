@@ -24,7 +24,7 @@ from ..surfaces.nodal_kernel import NodalKernel, Sites
 from .averaged import WEIGHTLESS, Averaged
 from .between import Between
 from .kinematics import Array, frame_slopes, frames, slices
-from .obstacle import Mask
+from .pairing import Mask
 from .rigid_pairing import Rigid, RigidPairing
 from .side import Side
 
