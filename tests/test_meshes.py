@@ -139,7 +139,57 @@ def test_what_cannot_be_joined():
     quads = mesh.create_unit_square(MPI.COMM_SELF, 1, 1, mesh.CellType.quadrilateral)
     with pytest.raises(ff.ContactInputError, match="different cells"):
         ff.join_meshes({"a": square, "b": quads}, MPI.COMM_SELF)
-    with pytest.raises(ff.ContactInputError, match="no part"):
+    with pytest.raises(ff.ContactInputError, match="at least one"):
         ff.join_meshes({})
     with pytest.raises(ff.ContactInputError, match="part 'a'"):
         ff.join_meshes({"a": 3}, MPI.COMM_SELF)
+
+
+def renamed(model, old, tag, new):
+    """Give a curve group another name."""
+    model.removePhysicalName(old)
+    model.setPhysicalName(1, tag, new)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m.addPhysicalGroup(1, [1, 2], name="both"), "curve 1 .* 'bottom' and 'both'"),
+        (lambda m: renamed(m, "bottom", 11, "steel"), "both called 'steel'"),
+    ],
+)
+def test_groups_that_a_mesh_cannot_hold(change, message):
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Verbosity", 2)
+    try:
+        plate((0, 0), (1, 1), 0.5)
+        change(gmsh.model)
+        with pytest.raises(ff.ContactInputError, match=message):
+            ff.read_gmsh(gmsh.model, MPI.COMM_SELF)
+        with pytest.raises(ff.ContactInputError, match="name of a file"):
+            ff.read_gmsh(3, MPI.COMM_SELF)
+    finally:
+        gmsh.finalize()
+
+
+def test_groups_without_names_are_numbered():
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Verbosity", 2)
+    try:
+        plate((0, 0), (1, 1), 0.5)
+        gmsh.model.removePhysicalName("top")
+        part = ff.read_gmsh(gmsh.model, MPI.COMM_SELF)
+    finally:
+        gmsh.finalize()
+    assert set(part.groups) == {"steel", "bottom", "right", "left", "curve 13"}
+    assert len(part.facets("curve 13")) > 0
+
+
+@pytest.mark.mpi
+def test_meshes_that_are_whole_on_each_rank():
+    """Those of the first rank count; a body is called without '/'."""
+    parts = {name: mesh.create_unit_square(MPI.COMM_SELF, 2, 2) for name in ("a", "b")}
+    model = ff.join_meshes(parts, COMM)
+    assert area(model, "a") == pytest.approx(1.0, rel=1e-12)
+    with pytest.raises(ff.ContactInputError, match="without '/'"):
+        ff.join_meshes({"a/b": parts["a"]}, COMM)

@@ -237,6 +237,23 @@ def test_rolling_several_turns_in_three_dimensions():
     assert np.allclose(report.bodies[0].force, first.bodies[0].force, atol=1e-9)
 
 
+def test_given_values_of_free_rotations_do_not_count():
+    """A ball at rest, turned about two axes, one of them free: nothing changes it."""
+    model = Half("stale_", ball(3), 3, mu=0.3, numbers=(4, 4, 2))
+    body = model.body
+    body.given.value[2] = -0.05
+    model.problem.solve()
+    for share in (0.5, 1.0):
+        body.given.value[3:] = share * np.array([0.5, 0.0, 0.8])
+        model.problem.solve()
+    body.free = ("rz",)
+    for stale in (0.0, 0.8, -2.0):
+        body.given.value[5] = stale
+        report = model.problem.solve().bodies[0]
+        assert np.allclose(report.rotation[:2], (0.5, 0.0), atol=1e-3)
+        assert abs(report.rotation[2] - 0.8) < 0.1  # it settles to where no moment acts
+
+
 def test_springs_hold_a_body_that_touches_nothing():
     """A spring carries what contact does not."""
     model = Half("spring_", ball(2, free=("y",), spring=(0.0, 50.0, 0.0)), mu=0.0)
@@ -334,3 +351,24 @@ def test_wrong_arguments(options, message):
     msh = mesh.create_unit_square(MPI.COMM_SELF, 2, 2)
     with pytest.raises(ff.ContactInputError, match=message):
         ff.RigidBody(msh, **options)
+
+
+def test_attributes_are_not_replaced():
+    msh = mesh.create_unit_square(MPI.COMM_SELF, 2, 2)
+    body = ff.RigidBody(msh)
+    with pytest.raises(ff.ContactInputError, match=r"force\.value\[:\]"):
+        body.force = fem.Constant(msh, (0.0, 1.0))
+    with pytest.raises(ff.ContactInputError, match="free = 3"):
+        body.free = 3
+
+
+@pytest.mark.mpi
+def test_what_differs_between_ranks_or_is_negative_is_refused():
+    model = Half("ranks_", ball(2), numbers=(6, 3))
+    model.body.spring.value[1] = -1.0
+    with pytest.raises(ff.ContactInputError, match="negative"):
+        model.problem.solve()
+    model.body.spring.value[1] = 1.0 + MPI.COMM_WORLD.rank
+    if MPI.COMM_WORLD.size > 1:
+        with pytest.raises(ff.ContactInputError, match="differ between ranks"):
+            model.problem.solve()

@@ -18,7 +18,7 @@ E, NU, COMM = 100.0, 0.3, MPI.COMM_WORLD
 class Pair:
     """Two blocks on each other; the lower one is held, the upper one is pulled by tractions."""
 
-    def __init__(self, name, cells=(4, 4), degree=1, law=None, method=None, d=2, cell=None):
+    def __init__(self, name, cells=(4, 4), degree=1, law=None, method=None, d=2, cell=None, **more):
         cell = cell or {2: "quadrilateral", 3: "hexahedron"}[d]
         parts = {}
         for k, (body, n) in enumerate(zip(("lower", "upper"), cells, strict=True)):
@@ -50,7 +50,7 @@ class Pair:
             law or ff.Frictionless(),
         )
         self.problem = ff.FrictionalContactProblem(
-            F, self.u, contact=self.contact, bcs=bcs, petsc_options_prefix=name
+            F, self.u, contact=self.contact, bcs=bcs, petsc_options_prefix=name, **more
         )
 
 
@@ -73,6 +73,7 @@ def test_tension_is_uniform_as_in_one_body(cells, degree, method, d, cell):
     name = f"tension_{cells[0]}{cells[1]}{degree}{d}{method}_"
     pair = Pair(name, cells, degree, method=method, d=d, cell=cell)
     assert ff.tie(pair.contact, within=1e-9) > 0
+    assert pair.problem.solve().certified  # nothing acts
     pair.load.value[d - 1] = 2.0
     report = pair.problem.solve()
     assert report.certified
@@ -172,6 +173,19 @@ def test_a_bond_that_opens_is_not_certified():
     pair.u.x.array.reshape(-1, 2)[pair.contact.parent_dofs, 1] += 1e-3
     assert len(moved)
     assert not pair.problem.certify().certified
+
+
+def test_multigrid_joins_faces_that_do_not_match():
+    """Springs of mortar join nodes that nothing in the bulk joins."""
+    pair = Pair("multigrid_", (3, 2), d=3, linear_solver="multigrid")
+    ff.tie(pair.contact, within=1e-9)
+    pair.load.value[2] = 2.0
+    report = pair.problem.solve()
+    assert report.linear_solver == "multigrid"
+    assert np.allclose(pair.contact.nodal().c[:, 0], -2.0, atol=1e-8)
+    ff.release(pair.contact)
+    pair.load.value[2] = -1.0
+    assert pair.problem.solve().contacts[0].force[2] == pytest.approx(1.0, rel=1e-8)
 
 
 def test_what_cannot_be_tied():

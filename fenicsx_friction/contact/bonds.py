@@ -6,10 +6,13 @@ from __future__ import annotations
 from mpi4py import MPI
 
 import numpy as np
+import numpy.typing as npt
 
 from ..base.errors import ContactInputError
 from ..base.validators import instance, number
 from .contact import Contact
+
+Array = npt.NDArray[np.floating]
 
 
 def tie(contact: Contact, within: float) -> int:
@@ -46,9 +49,19 @@ def tie(contact: Contact, within: float) -> int:
 
 
 def release(contact: Contact) -> None:
-    """Release all bonds of a contact, from the next step on: its nodes may open and slide."""
+    """Release all bonds of a contact, from the next step on: its nodes may open and slide.
+
+    Nodes that were pulled start the step with no traction.
+    """
     _check(contact)
+    c = contact.c.x.array.reshape(len(contact.bonded.x.array), contact.pairing.side.d)
+    c[(contact.bonded.x.array > 0.5) & (c[:, 0] < 0.0)] = 0.0
     contact.bonded.x.array[:] = 0.0
+
+
+def at_bonds(contact: Contact, values: Array) -> Array:
+    """Return values at the bonded nodes of this rank, zero elsewhere."""
+    return np.where(contact.bonded.x.array[: contact.surface.num_owned] > 0.5, values, 0.0)
 
 
 def _check(contact: Contact) -> None:

@@ -87,6 +87,14 @@ def check_held(body: RigidBody, contacts: Sequence[Contact]) -> None:
     Raises:
         ContactInputError: Names the components that nothing holds.
     """
+    every = np.array(body.mesh.comm.allgather(body.settings()))
+    if np.any(every != every[0]):
+        raise ContactInputError(
+            f"Rigid body '{body.name}': loads, given values, springs or free components differ "
+            "between ranks; set the same on all."
+        )
+    if not np.all(body.spring.value >= 0.0):
+        raise ContactInputError(f"Rigid body '{body.name}': a spring is negative.")
     for k in contacts:
         if k.pairing.body is body and k.surface.axisymmetric and set(body.free) - {"y"}:
             raise ContactInputError(

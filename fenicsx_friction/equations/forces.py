@@ -15,6 +15,7 @@ from dolfinx import fem
 from ..base.collective import largest_of_ranks
 from ..certificate.groups import Array, Groups
 from ..certificate.scales import DIGITS, FAINT, SHARE, Scales, joined
+from ..contact.bonds import at_bonds
 from ..contact.contact import Contact
 from ..surfaces.cells import extent, extreme_sizes
 from .bodies import link_bodies, number_bodies
@@ -208,13 +209,15 @@ class ForceScales:
         ]
         unresolved = DIGITS * self._by_contact(rounded)
         each = len(self._contacts)
+        resting = DIGITS * self._by_contact(list(map(at_bonds, self._contacts, self._coordinates)))
+        bonded = np.where(resting > 0.0, unresolved, 0.0)  # slips of bonds are rounding
         faint = FAINT * np.tile(np.maximum(forces, self._forces), each) * self._per_area
         contacts = Scales(
             tractions,
             np.maximum(self._tractions, faint),
             unresolved,
-            np.tile(self._given, each) * self._per_area,
-            np.tile(self._length, each),
+            np.maximum(np.tile(self._given, each) * self._per_area, bonded),
+            np.maximum(np.tile(self._length, each), resting),
             np.zeros(each * self.number),
             np.tile(strict, each),
         )

@@ -17,6 +17,10 @@ from ..base.errors import ContactInputError
 from ..base.validators import number, shown
 from .named_mesh import NamedMesh
 
+Groups = dict[str, tuple[int, tuple[int, ...]]]
+#: What gmsh calls entities of each dimension.
+KINDS = ("point", "curve", "surface", "volume")
+
 
 def read_gmsh(
     source: str | Path | Any,
@@ -46,11 +50,16 @@ def read_gmsh(
     except ImportError as error:
         raise ContactInputError("read_gmsh needs the Python package gmsh: install it.") from error
     file = Path(source) if isinstance(source, str | Path) else None
+    if file is None and not hasattr(source, "getPhysicalGroups"):
+        raise ContactInputError(
+            f"source = {shown(source)} must be the name of a file, or gmsh.model with a mesh."
+        )
+    if gdim not in (None, 2, 3):
+        raise ContactInputError(f"gdim = {shown(gdim)} must be 2 or 3.")
     with _session(gmsh, comm.rank == 0 and file is not None):
-        dim = comm.bcast(on_first_rank(comm, lambda: _prepared(gmsh, file)))
+        dim, groups = comm.bcast(on_first_rank(comm, lambda: _prepared(gmsh, file)))
         data = reader.model_to_mesh(gmsh.model, comm, 0, gdim=gdim or dim)
     data.mesh.geometry.x[:] *= scale
-    groups = {name: (int(g.dim), (int(g.tag),)) for name, g in data.physical_groups.items()}
     return NamedMesh(data.mesh, _of_groups(data.cell_tags), _of_groups(data.facet_tags), groups)
 
 
@@ -68,8 +77,8 @@ def _session(gmsh: Any, needed: bool) -> Iterator[None]:
             gmsh.finalize()
 
 
-def _prepared(gmsh: Any, file: Path | None) -> int:
-    """Open a file, if there is one; return the dimension of the model."""
+def _prepared(gmsh: Any, file: Path | None) -> tuple[int, Groups]:
+    """Open a file, if there is one; return the dimension of the model, and its groups."""
     if file is not None:
         if not file.is_file():
             raise ContactInputError(f"source = {shown(str(file))}: there is no such file.")
@@ -83,7 +92,36 @@ def _prepared(gmsh: Any, file: Path | None) -> int:
             f"The gmsh model has no physical group of dimension {dim}: name its bodies and "
             "surfaces by gmsh.model.addPhysicalGroup(dim, tags, name=...)."
         )
-    return dim
+    facets, cells = _groups(gmsh, dim - 1), _groups(gmsh, dim)
+    if both := sorted(set(facets) & set(cells)):
+        raise ContactInputError(
+            f"A body and a surface of gmsh are both called '{both[0]}': rename one of the groups."
+        )
+    return dim, {**facets, **cells}
+
+
+def _groups(gmsh: Any, dim: int) -> Groups:
+    """Return the groups of a dimension; those without a name are called by kind and number.
+
+    Raises:
+        ContactInputError: If a mesh with one tag an entity cannot hold them all.
+    """
+    groups: Groups = {}
+    of_entity: dict[int, str] = {}
+    for _, tag in gmsh.model.getPhysicalGroups(dim):
+        name = gmsh.model.getPhysicalName(dim, tag) or f"{KINDS[dim]} {tag}"
+        if name in groups:
+            raise ContactInputError(f"Two physical groups of gmsh are called '{name}'; rename one.")
+        groups[name] = dim, (int(tag),)
+        for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag):
+            if entity in of_entity:
+                raise ContactInputError(
+                    f"The {KINDS[dim]} {entity} of gmsh is in the physical groups "
+                    f"'{of_entity[entity]}' and '{name}'; a mesh holds one tag an entity: put it "
+                    "into one of them."
+                )
+            of_entity[entity] = name
+    return groups
 
 
 def _of_groups(tags: Any) -> Any:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import graph, io, mesh
 
 from ..base.errors import ContactInputError
-from ..base.validators import instance
+from ..base.validators import instance, shown
 from .named_mesh import NamedMesh
 
 Array = npt.NDArray[np.floating]
@@ -45,16 +45,19 @@ def join_meshes(
 
     Args:
         parts: The bodies by their names, of one kind of cell and one degree.
-        comm: The ranks of the meshes; all share the joined one.
+        comm: The ranks that share the joined mesh, and the meshes; or these are whole on each rank
+            (``MPI.COMM_SELF``), then those of the first rank count.
 
     Raises:
         ContactInputError: If meshes cannot be joined.
     """
+    if not isinstance(parts, Mapping) or not parts:
+        raise ContactInputError("join_meshes: parts must be bodies by their names, at least one.")
     named = {name: _named(name, part) for name, part in parts.items()}
-    _check_alike(named)
+    _check_alike(named, comm)
     first = next(iter(named.values())).mesh
     tdim = first.topology.dim
-    gathered = [_gathered(part) for part in named.values()]
+    gathered = [_gathered(part, comm) for part in named.values()]
     starts = np.cumsum([0, *(len(part.x) for part in gathered)])
     x = np.concatenate([part.x for part in gathered])
     cells = np.concatenate(
@@ -76,20 +79,29 @@ def join_meshes(
 
 def _named(name: str, part: object) -> NamedMesh:
     """Return a part with names; a mesh alone has none."""
+    if not isinstance(name, str) or not name.strip() or "/" in name:
+        raise ContactInputError(
+            f"join_meshes: the body name {shown(name)} must be a string without '/', which stands "
+            "between body and group."
+        )
     if isinstance(part, mesh.Mesh):
         return NamedMesh(part, None, None, {})
     cure = "a mesh, or a NamedMesh as of read_gmsh"
     return instance(part, NamedMesh, f"The part '{name}' of join_meshes", cure)
 
 
-def _check_alike(parts: Mapping[str, NamedMesh]) -> None:
-    """Raise unless there are parts with one kind of cell and degree."""
-    if not parts:
-        raise ContactInputError("join_meshes: there is no part; give bodies by their names.")
+def _check_alike(parts: Mapping[str, NamedMesh], comm: MPI.Intracomm) -> None:
+    """Raise unless the parts have one kind of cell and degree, and the ranks."""
     kinds = {}
     for name, part in parts.items():
         domain = part.mesh.ufl_domain()
         assert domain is not None
+        same = MPI.Comm.Compare(part.mesh.comm, comm) in (MPI.IDENT, MPI.CONGRUENT)
+        if not same and part.mesh.comm.size > 1:
+            raise ContactInputError(
+                f"join_meshes: '{name}' is shared by other ranks than the joined mesh is to be; "
+                "make it on the same communicator, or on MPI.COMM_SELF."
+            )
         kinds[name] = str(domain.ufl_coordinate_element())
         if part.mesh.geometry.cmaps[0].degree > 2:
             raise ContactInputError(f"join_meshes: the cells of '{name}' have more than degree 2.")
@@ -98,8 +110,8 @@ def _check_alike(parts: Mapping[str, NamedMesh]) -> None:
         raise ContactInputError(f"join_meshes: the parts have different cells: {listed}.")
 
 
-def _gathered(part: NamedMesh) -> _Part:
-    """Return all of a mesh on rank 0, nothing on the others; collective."""
+def _gathered(part: NamedMesh, shared: MPI.Intracomm) -> _Part:
+    """Return all of a mesh on rank 0 of the joined one, nothing on the others; collective."""
     msh = part.mesh
     comm, geometry, tdim = msh.comm, msh.geometry, msh.topology.dim
     numbers, d = geometry.input_global_indices, geometry.dim
@@ -117,7 +129,7 @@ def _gathered(part: NamedMesh) -> _Part:
         tagged.append((numbers[mesh.entities_to_geometry(msh, dim, entities)], values))
     local = (numbers[:owned], geometry.x[:owned, :d], numbers[geometry.dofmaps[0][:cells]], tagged)
     every = comm.gather(local)
-    if every is None:
+    if every is None or shared.rank > 0:
         empty = [(np.zeros((0, v.shape[1]), np.int64), np.zeros(0, np.int64)) for v, _ in tagged]
         return _Part(np.zeros((0, d)), np.zeros((0, local[2].shape[1]), np.int64), empty)
     order = np.argsort(np.concatenate([one[0] for one in every]))

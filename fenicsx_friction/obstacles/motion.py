@@ -16,6 +16,7 @@ from ufl.core.expr import Expr
 
 from ..base.errors import ContactInputError
 from ..base.validators import instance, vector
+from .rotations import cross_matrix, turned_in_plane
 
 Array = npt.NDArray[np.floating]
 
@@ -223,14 +224,3 @@ class RigidMotion(Motion):
         """All that describes the position."""
         constants = (self.translation, self._old_translation, self.angle, self._old_angle)
         return [constant.value for constant in constants]
-
-
-def turned_in_plane(angle: Expr) -> Expr:
-    """Return the matrix of a counter-clockwise rotation, less the identity."""
-    versine, s = 2.0 * ufl.sin(angle / 2.0) ** 2, ufl.sin(angle)
-    return ufl.as_matrix([[-versine, -s], [s, -versine]])
-
-
-def cross_matrix(a: Expr) -> Expr:
-    """Return the matrix of the cross product with a vector."""
-    return ufl.as_matrix([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

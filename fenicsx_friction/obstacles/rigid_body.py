@@ -17,7 +17,8 @@ from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from ..base.validators import shown, text, vector
 from ..surfaces.cells import extent
-from .motion import Motion, cross_matrix, turned_in_plane
+from .motion import Motion
+from .rotations import cross_matrix, nearest, turned_by, turned_in_plane
 
 Array = npt.NDArray[np.floating]
 
@@ -28,17 +29,18 @@ COMPONENTS = {2: ("x", "y", "rz"), 3: ("x", "y", "z", "rx", "ry", "rz")}
 class RigidBody(Motion):
     """A rigid body whose motion follows from its loads, or is prescribed, component by component.
 
-    It moves one or several obstacles, as a :class:`RigidMotion` does: give it as their ``motion``.
-    Each component is free, with a load (zero by default), or it has a given value. The components
-    are ``x, y[, z]`` of the translation and ``rz`` in 2D, ``rx, ry, rz`` in 3D of the rotation::
+    It is the ``motion`` of one or several obstacles. Each component is free, with a load (zero by
+    default), or it has a given value. The components are ``x, y[, z]`` of the translation and
+    ``rz`` in 2D, ``rx, ry, rz`` in 3D of the rotation::
 
         tool = ff.RigidBody(msh, center=(0.0, 1.0), free=("y", "rz"))
         tool.force.value[:] = (0.0, -100.0)
         ball = ff.RigidSphere((0.0, 1.0), 1.0, motion=tool)
 
     Rotations are finite. In 3D the unknown is the rotation of the step, about axes of space. A
-    rotation that is given is the whole one, as a rotation vector; where only some of its components
-    are given, those of the step's rotation that leads there.
+    rotation that is given is the whole one, as a rotation vector. Where only some of its components
+    are given, the step leads there with the others as they were; what these do in the step is made
+    good in the next one.
 
     Args:
         msh: The mesh of the deformable body.
@@ -95,6 +97,15 @@ class RigidBody(Motion):
             )
         return values
 
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse another object in place of a Constant, which the equations would not know."""
+        if name in ("force", "moment", "given", "spring", "q") and name in vars(self):
+            raise ContactInputError(
+                f"Body '{self.name}': set the values of its {name}, body.{name}.value[:] = ..., "
+                "not the attribute itself."
+            )
+        super().__setattr__(name, value)
+
     @property
     def free(self) -> tuple[str, ...]:
         """The free components; may be changed between steps."""
@@ -103,7 +114,12 @@ class RigidBody(Motion):
 
     @free.setter
     def free(self, names: Sequence[str]) -> None:
-        names = (names,) if isinstance(names, str) else tuple(names)
+        names = (names,) if isinstance(names, str) else names
+        if not isinstance(names, list | tuple):
+            raise ContactInputError(
+                f"Body '{self.name}': free = {shown(names)} must be names out of "
+                f"{', '.join(self.names)}."
+            )
         if unknown := [name for name in names if name not in self.names]:
             raise ContactInputError(
                 f"Body '{self.name}': free = {shown(names)} has {unknown[0]!r}; the components are "
@@ -145,21 +161,25 @@ class RigidBody(Motion):
 
     def loads(self) -> float:
         """Return the largest load on a free component (N), moments over the length."""
-        d, released = len(self.center), self.released
-        loads = np.append(self.force.value, self.moment.value / self.length)
-        loads -= (
-            self.spring.value
-            * self.q.x.array
-            * np.append(np.ones(d), np.full(len(loads) - d, 1.0 / self.length))
-        )
-        return float(np.max(abs(loads[released]), initial=0.0))
+        loads = np.append(self.force.value, self.moment.value)
+        loads -= self.spring.value * self.q.x.array
+        loads[len(self.center) :] /= self.length
+        return float(np.max(abs(loads[self.released]), initial=0.0))
+
+    def settings(self) -> Array:
+        """Return all that the user sets, for comparison between ranks."""
+        parts = (self.force, self.moment, self.given, self.spring, self._mask)
+        return np.concatenate([np.ravel(part.value) for part in parts])
 
     def begin(self) -> None:
         """Begin a step: find the motion of the step that leads to the given values."""
         d, target = len(self.center), self.given.value.copy()
         if d == 3:
             old = Rotation.from_matrix(np.eye(3) + self._old_turned.value)
-            way = (Rotation.from_rotvec(target[3:]) * old.inv()).as_rotvec()
+            held = ~self.released[3:]
+            wanted = nearest(old.as_rotvec(), target[3:], held)
+            wanted[held] = target[3:][held]
+            way = (Rotation.from_rotvec(wanted) * old.inv()).as_rotvec()
             angle = float(np.linalg.norm(way))
             target[3:] = way * (2.0 * np.tan(angle / 2.0) / angle if angle > 0.0 else 1.0)
         self._target.value[:] = target
@@ -192,7 +212,7 @@ class RigidBody(Motion):
     def turned_in_step_by(self) -> Array:
         """Return that of the rotation of the step."""
         if len(self.center) == 2:
-            return _turned_by(float(self.q.x.array[2] - self._old_angle.value))
+            return turned_by(float(self.q.x.array[2] - self._old_angle.value))
         x, y, z = v = self.q.x.array[3:]
         K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         return np.asarray(4.0 / (4.0 + v @ v) * (K + 0.5 * K @ K))
@@ -200,7 +220,7 @@ class RigidBody(Motion):
     def turned_by(self) -> Array:
         """Return the rotation matrix less the identity."""
         if len(self.center) == 2:
-            return _turned_by(float(self.q.x.array[2]))
+            return turned_by(float(self.q.x.array[2]))
         step, old = self.turned_in_step_by(), self._old_turned.value
         return np.asarray(step + old + step @ old)
 
@@ -225,9 +245,3 @@ class RigidBody(Motion):
         """All that describes the position."""
         constants = (self._old_translation, self._old_angle, self._old_turned, self._mask)
         return [self.q.x.array, *(constant.value for constant in constants)]
-
-
-def _turned_by(angle: float) -> Array:
-    """Return the matrix of a rotation in the plane, less the identity."""
-    versine, s = 2.0 * np.sin(angle / 2.0) ** 2, np.sin(angle)
-    return np.array([[-versine, -s], [s, -versine]])

@@ -134,7 +134,7 @@ class Multigrid:
         """Free all matrices."""
         self._blocks.destroy()
         if self._cycle is not None:
-            for o in (self._cycle, self._P, self._b, self._y, self._c):
+            for o in (self._cycle, self._bulk, self._P, self._b, self._y, self._c):
                 o.destroy()
         self._cycle = None
 
@@ -146,13 +146,23 @@ class Multigrid:
 
     def _assemble(self, J: PETSc.Mat) -> None:
         """Put bulk and springs into one matrix."""
-        own = PETSc.IS().createStride(self._blocks.num_u, self._blocks.first_row, comm=J.comm)
+        own, structure = self._own_rows(J), PETSc.Mat.Structure
         if self._cycle is None:
-            self._P = J.createSubMatrix(own, own)
+            self._bulk = self._P = J.createSubMatrix(own, own)
+            if self._blocks.coupled:  # springs join nodes that nothing in the bulk joins
+                self._P = self._bulk.duplicate()
+                self._P.axpy(1.0, self._blocks.springs, structure.DIFFERENT_NONZERO_PATTERN)
         else:
-            J.createSubMatrix(own, own, self._P)
+            J.createSubMatrix(own, own, self._bulk)
         own.destroy()
-        self._P.axpy(1.0, self._blocks.springs, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        if self._P != self._bulk:
+            self._P.zeroEntries()
+            self._P.axpy(1.0, self._bulk, structure.SUBSET_NONZERO_PATTERN)
+        self._P.axpy(1.0, self._blocks.springs, structure.SUBSET_NONZERO_PATTERN)
+
+    def _own_rows(self, J: PETSc.Mat) -> PETSc.IS:
+        """Return the rows of this rank's displacements."""
+        return PETSc.IS().createStride(self._blocks.num_u, self._blocks.first_row, comm=J.comm)
 
     def _make_levels(self, cycle: PETSc.PC) -> None:
         """Make all levels from the matrix of now."""

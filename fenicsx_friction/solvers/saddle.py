@@ -45,6 +45,11 @@ class SaddleBlocks:
         self.forces: PETSc.Mat | None = None
         self._parts: list[NodeBlocks] = []
 
+    @property
+    def coupled(self) -> bool:
+        """Whether springs join nodes, as between deformable bodies."""
+        return any(part.q.shape[1] > self._d for part in self._parts)
+
     def update(self, couplings: Sequence[Coupling]) -> None:
         """Eliminate the multipliers node by node.
 

@@ -79,6 +79,8 @@ class ExactReference:
                 "The exact reference knows contact at nodes, not on average: take a displacement "
                 "of degree 1, or ContactSurface(..., degree=2) where there is one."
             )
+        if np.any(contact.bonded.x.array > 0.5):
+            raise ContactInputError("The exact reference knows no tied nodes: release them.")
         if contact.obstacle.motion is not None:
             raise ContactInputError("The exact reference needs an obstacle at rest.")
         self._problem, self._contact = problem, contact

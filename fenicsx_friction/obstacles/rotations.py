@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: MIT
+"""Rotations, in UFL and in numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from ufl.core.expr import Expr
+
+Array = npt.NDArray[np.floating]
+
+
+def turned_in_plane(angle: Expr) -> Expr:
+    """Return the matrix of a counter-clockwise rotation, less the identity."""
+    versine, s = 2.0 * ufl.sin(angle / 2.0) ** 2, ufl.sin(angle)
+    return ufl.as_matrix([[-versine, -s], [s, -versine]])
+
+
+def cross_matrix(a: Expr) -> Expr:
+    """Return the matrix of the cross product with a vector."""
+    return ufl.as_matrix([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def nearest(vector: Array, given: Array, held: npt.NDArray[np.bool_]) -> Array:
+    """Return the rotation vector of the same rotation whose held components are nearest to given.
+
+    More turns about its axis are the same rotation.
+    """
+    angle = np.linalg.norm(vector)
+    if angle == 0.0:
+        return vector.copy()
+    turns = round(float(np.linalg.norm(given)) / (2.0 * np.pi)) + 1
+    ways = [vector * (1.0 + 2.0 * np.pi * k / angle) for k in range(-turns, turns + 1)]
+    return min(ways, key=lambda way: float(np.linalg.norm((way - given)[held])))
+
+
+def turned_by(angle: float) -> Array:
+    """Return the matrix of a rotation in the plane, less the identity."""
+    versine, s = 2.0 * np.sin(angle / 2.0) ** 2, np.sin(angle)
+    return np.array([[-versine, -s], [s, -versine]])
