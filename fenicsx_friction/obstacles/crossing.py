@@ -17,7 +17,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from ..surfaces.face_cells import Array
-from ..surfaces.faces import FaceSet
+from ..surfaces.faces import Faces, FaceSet
 from .search import flat
 from .ways import Indices, Mask, Way, area_vectors, sign_changes, simplices
 
@@ -50,7 +50,7 @@ class Motion:
     @classmethod
     def between(
         cls,
-        faces: FaceSet,
+        faces: Faces,
         nodes: FaceSet,
         ends: tuple[fem.Function, fem.Function],
         offset: Array,
@@ -93,7 +93,7 @@ class _Events:
 
 
 def find_crossed(
-    faces: FaceSet, motion: Motion, watched: Mask, started: Indices, depth: float = DEPTH
+    faces: Faces, motion: Motion, watched: Mask, started: Indices, depth: float = DEPTH
 ) -> Mask:
     """Tell which nodes have gone behind a face, or through a body, within the step.
 
@@ -139,7 +139,7 @@ def _seen_from_faces(motion: Motion) -> Motion:
     )
 
 
-def _warp(faces: FaceSet, motion: Motion) -> float:
+def _warp(faces: Faces, motion: Motion) -> float:
     """Return the largest warp (m) of a face; its triangles are an eighth of it away from it."""
     twist = faces.cell.twist()
     if twist is None:
@@ -149,7 +149,7 @@ def _warp(faces: FaceSet, motion: Motion) -> float:
     return float(np.max(lengths, initial=0.0))
 
 
-def _candidates(faces: FaceSet, motion: Motion, watched: Mask) -> Iterator[tuple[Indices, Indices]]:
+def _candidates(faces: Faces, motion: Motion, watched: Mask) -> Iterator[tuple[Indices, Indices]]:
     """Yield nodes and faces that may meet, from balls about the middles of their ways."""
     corners = [x[faces.faces] for x in motion.face_x]
     centers = [c.mean(axis=1) for c in corners]

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from ..base.errors import ContactInputError
 from ..surfaces.face_cells import Array, blend, distances, normals, project, shape_matrix
-from ..surfaces.faces import FaceSet
+from ..surfaces.faces import Faces
 
 #: Distances that differ by this fraction of a face are the same.
 TIE = 1e-9
@@ -62,7 +62,7 @@ class SearchPolicy:
                 "larger than leave, or nodes are let go where they are paired."
             )
 
-    def distance(self, faces: FaceSet) -> float:
+    def distance(self, faces: Faces) -> float:
         """Return the ``reach``, or its default for the faces (m)."""
         return 2.0 * faces.size if self.reach is None else self.reach
 
@@ -86,7 +86,7 @@ class Pairs:
 
 
 def find_pairs(
-    faces: FaceSet,
+    faces: Faces,
     face_x: Array,
     x: Array,
     directions: Array,
@@ -135,7 +135,7 @@ class Nearest:
     overhang: Array
 
 
-def nearest_faces(faces: FaceSet, face_x: Array, x: Array) -> Nearest:
+def nearest_faces(faces: Faces, face_x: Array, x: Array) -> Nearest:
     """Find the nearest face of each node, near or far, wherever it looks.
 
     Args:
@@ -150,7 +150,7 @@ def nearest_faces(faces: FaceSet, face_x: Array, x: Array) -> Nearest:
 
 
 def _nearest(
-    faces: FaceSet,
+    faces: Faces,
     face_x: Array,
     x: Array,
     i: npt.NDArray[np.int64],
@@ -188,7 +188,7 @@ def _nearest(
 
 
 def _candidates(
-    faces: FaceSet,
+    faces: Faces,
     face_x: Array,
     x: Array,
     directions: Array,

@@ -8,27 +8,22 @@ from abc import abstractmethod
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from ..base.collective import any_rank
-from ..base.errors import ContactInputError
 from ..surfaces.face_cells import normals
 from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
-from .crossing import DEPTH, Motion, find_crossed
+from .against_faces import AgainstFaces
 from .face_frames import along_planes
 from .kinematics import Array
-from .obstacle import Mask, Pairing
-from .search import TIE, SearchPolicy, find_pairs, nearest_faces
+from .obstacle import Mask
+from .search import TIE, SearchPolicy, nearest_faces
 from .side import Side
 from .view import View
 
-#: An offset is known along the node's own normal: part of it by which it is in doubt.
-TILTED = 0.1
 
-
-class TwoBodies(Pairing):
+class TwoBodies(AgainstFaces):
     """A secondary surface that meets the primary surface of another body.
 
     Args:
@@ -37,20 +32,17 @@ class TwoBodies(Pairing):
         side: The secondary side.
 
     Attributes:
-        faces: The faces of the primary surface on all ranks.
-        offset: What is subtracted from the gap of each owned node (m), see :meth:`close_gaps`.
+        faces: The faces of the primary surface.
     """
 
-    deformable = tilted = True
-    #: A node has crossed a face from this fraction of the mean face on.
-    behind = DEPTH
+    deformable = True
+    faces: FaceSet
 
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
         super().__init__(side)
-        self.primary, self.policy = primary, policy
-        self.faces, self._secondary = FaceSet(primary, side.u), FaceSet(side.surface, side.u)
+        self.primary, u = primary, side.u
+        self._face(FaceSet(primary, u), FaceSet(side.surface, u), policy, f"'{primary.name}'")
         self._inputs_before: tuple[Array, ...] | None = None
-        self.offset, self._doubt = np.zeros(side.surface.num_owned), 0.0
 
     def update(self) -> None:
         """Follow the displacement, as far as it has changed; collective."""
@@ -75,54 +67,6 @@ class TwoBodies(Pairing):
     def _places(self) -> Array:
         """Return the current positions of the owned nodes (m)."""
         return self._secondary.X[self._secondary.own] + self.side.owned(self.side.u.x.array)
-
-    def started(self) -> npt.NDArray[np.int64]:
-        """Return the face of each node at the start of the step, or -1; collective."""
-        u_old = self.side.u_old
-        x, own = self._secondary.positions(u_old), self._secondary.own
-        held, directions = np.ones(own.stop - own.start, bool), self._secondary.node_normals(x)
-        parts = (self.faces, self.faces.positions(u_old), x[own], directions[own], self.policy)
-        return find_pairs(*parts, held).face
-
-    @abstractmethod
-    def meeting(self) -> Mask:
-        """Tell which owned nodes meet something."""
-
-    def close_gaps(self, limit: float) -> None:
-        """Count gaps and overlaps of the undeformed bodies as zero from now on; collective.
-
-        The offset depends on the mesh alone: a run that goes on from a checkpoint has the same.
-
-        Args:
-            limit: Nodes with a larger gap or overlap (m) keep it.
-
-        Raises:
-            ContactInputError: If this is more than the reach of the search.
-        """
-        reach = self.policy.distance(self.faces)
-        if limit > reach:
-            raise ContactInputError(
-                f"DeformableObstacle: close_gaps = {limit:g} m is more than the surfaces "
-                f"'{self.side.surface.name}' and '{self.primary.name}' see, {reach:g} m: give "
-                f"search=SearchPolicy(reach={2.0 * limit:g}), or a smaller limit."
-            )
-        state = (self.side.u, self.side.u_old, self.side.c)
-        kept = [f.x.array.copy() for f in state]
-        try:
-            for f in state:
-                f.x.array[:] = 0.0
-            self.offset = np.zeros_like(self.offset)
-            self.anchor()
-            gaps = self.gaps().copy()
-            near = self.meeting() & (abs(gaps) <= limit)
-        finally:
-            for f, values in zip(state, kept, strict=True):
-                f.x.array[:] = values
-        self.offset = np.where(near, gaps, 0.0)
-        largest = float(np.max(abs(self.offset), initial=0.0))
-        comm = self.primary.mesh.comm
-        self._doubt = TILTED * comm.allreduce(largest, MPI.MAX) / self.faces.size
-        self.anchor()
 
     def alone(self, nodes: Mask) -> Array:
         """Return the field of nodes that meet nothing, but for the position: open, with a frame."""
@@ -151,13 +95,6 @@ class TwoBodies(Pairing):
         lost = np.where(over & looks & (near.gap < -reach), -near.gap, 0.0)
         gap = np.where(over & (near.gap >= -reach), near.gap - self.offset, np.inf)
         return View(cosine, gap, lost)
-
-    def crossed(self, closed: Mask) -> Mask:
-        """Tell which nodes have gone through faces since the last step; collective."""
-        ends = (self.side.u_old, self.side.u)
-        motion = Motion.between(self.faces, self._secondary, ends, self.offset)
-        depth = self.behind + self._doubt
-        return find_crossed(self.faces, motion, ~closed, self.started(), depth)
 
     def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
         """Return the smallest stiffness over area (Pa/m) of the primary nodes; collective."""
