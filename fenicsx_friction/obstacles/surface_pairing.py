@@ -56,7 +56,25 @@ class SurfacePairing(AgainstFaces, RigidPairing):
         n = side.surface.num_owned
         self._planes = self.near.planes.x.array[: n * (2 * d + 2)].reshape(n, 2 * d + 2)
         self._met = FacesMet(faces, secondary, policy, side)
+        self._start()
+
+    def _axis(self) -> fem.Function | None:
+        """Return the normals at the start of a step, from where 3D frames are carried to faces.
+
+        So a node may meet a face at right angles to its last one: hints that were chosen for that
+        one might have no tangential part.
+        """
+        self._normals = fem.Function(self.side.surface.space((self.side.d,)), name="axis")
+        return self._normals if self.side.d == 3 else None
+
+    def _start(self) -> None:
+        """Write the planes that the nodes meet at the start, and their normals as they are now."""
         self._write()
+        d, motion = self.side.d, self.obstacle.motion
+        n = self._planes[:, :d]
+        if motion is not None:
+            n = n + self._planes[:, -1:] * (n @ motion.turned_by().T)
+        self._normals.x.array[: n.size] = n.ravel()
 
     def _write(self) -> None:
         """Write the planes that the owned nodes meet: normal, point, distance at rest, 1."""
@@ -74,7 +92,7 @@ class SurfacePairing(AgainstFaces, RigidPairing):
     def anchor(self) -> None:
         """Find the faces that the nodes meet at ``u_old``; collective."""
         self._met.anchor()
-        self._write()
+        self._start()
 
     def search(self) -> bool:
         """Look again for the faces at the current displacement and motion; collective."""

@@ -52,7 +52,7 @@ class Soundness:
 
 
 def cut_quadrilaterals(points: Array, quadrilaterals: Indices) -> Indices:
-    """Return two triangles of each quadrilateral (nodes in cyclic order) by its shorter diagonal."""
+    """Return the two triangles of each quadrilateral, nodes in a circle, by its short diagonal."""
     a, b, c, d = quadrilaterals.T
     first = np.linalg.norm(points[a] - points[c], axis=1)
     short = (first <= np.linalg.norm(points[b] - points[d], axis=1))[:, None, None]
