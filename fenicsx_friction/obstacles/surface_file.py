@@ -63,7 +63,8 @@ def _read(path: str | os.PathLike[str]) -> Any:
             "Surfaces are read with meshio: install it, or give points and faces as arrays."
         ) from missing
     try:
-        return meshio.read(path)
+        with np.errstate(over="ignore"):  # takes text of STL for a number of triangles first
+            return meshio.read(path)
     except (Exception, SystemExit) as failure:  # meshio raises all kinds, and exits
         raise ContactInputError(
             f"meshio cannot read a surface from '{path}': {failure or type(failure).__name__}"
