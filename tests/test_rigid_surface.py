@@ -193,6 +193,37 @@ def test_a_tool_carried_by_a_motion_is_the_tool_placed_there(d):
         assert distance(forces(models[0]), forces(models[1])) < 1e-9
 
 
+@pytest.mark.mpi
+def test_a_wheel_of_many_edges_slides_round_with_the_moment_mu_N_R():
+    """Half a turn, each step over some fifteen faces: slip is carried over all of them."""
+    motions, mu = [], 0.25
+
+    def wheel(msh):
+        motions.append(ff.RigidMotion(msh, center=(0.0, -1.0)))
+        return ff.RigidSurface(*ball(2, 360, center=(0.0, -1.0)), motion=motions[0])
+
+    model = pressed(wheel, "wheel_", 2, mu=mu)
+    model.place(np.eye(2), (0.0, -0.03))
+    before = None
+    for k in range(13):
+        motions[0].angle.value = k * np.pi / 12
+        assert model.problem.solve().certified
+        contact, n = model.contact, model.contact.surface.num_owned
+        closed = contact.nodal().states() == ff.SLIP
+        path = contact.path.x.array[:n].copy()
+        if k > 1:
+            x, t = contact.pairing.positions() + [0.0, 1.0], contact.nodal_traction()
+            area = contact.nodal_area()
+            turning = area @ (x[:, 0] * t[:, 1] - x[:, 1] * t[:, 0])
+            total = model.problem.comm.allreduce(
+                np.array([turning, area @ contact.nodal().c[:, 0]])
+            )
+            assert total[0] == pytest.approx(mu * total[1], rel=0.01)
+            chord = 2.0 * np.sin(np.pi / 24) * np.cos(np.pi / 24)  # along the tangent at its end
+            assert (path - before)[closed] == pytest.approx(chord, rel=0.02)
+        before = path
+
+
 def tool_body(d, obstacle, **options):
     """Return what makes a body that touches the block of ``Half`` from above."""
     center = (0.0,) * (d - 1) + (1.0,)
@@ -270,6 +301,22 @@ def test_a_step_through_a_thin_tool_is_refused(d, monkeypatch):
     assert np.array_equal(model.u.x.array, kept)
     monkeypatch.setattr(SurfacePairing, "crossed", lambda self, closed: np.zeros_like(closed))
     assert model.problem.solve().certified  # the test of crossings alone has seen it
+
+
+def test_a_tool_whose_faces_are_not_searched_again_is_not_met_rightly(monkeypatch):
+    """The search after a solve is needed: without it nodes keep planes that they have left."""
+    tool = ff.RigidSurface(*ball(2, 200, center=(0.0, -1.0)))
+    found = []
+    for searched in (True, False):
+        if not searched:
+            monkeypatch.setattr(SurfacePairing, "search", lambda self: False)
+        model = pressed(tool, f"searched_{searched}_", 2)
+        model.place(np.eye(2), (0.2, -0.05))
+        assert model.problem.solve().certified
+        radius = np.linalg.norm(model.contact.pairing.positions() + [0.0, 1.0], axis=1)
+        closed = model.contact.nodal().states() != ff.OPEN
+        found.append(np.max(abs(radius[closed] - 1.0)))
+    assert found[0] < 1.3e-4 < 1e-3 < found[1]  # the sagitta of a side is 1.2e-4
 
 
 @pytest.mark.mpi
