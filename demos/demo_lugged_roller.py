@@ -177,7 +177,7 @@ def draw(model: Model, tool: Path, path: Path) -> None:
             part,
             show_edges=True,
             cmap="viridis",
-            scalar_bar_args={"position_x": 0.2, "position_y": 0.03, "n_labels": 2},
+            scalar_bar_args={"vertical": True, "position_x": 0.9, "position_y": 0.2},
             show_scalar_bar=number == 0,
         )
     plotter.camera_position = [(20.0, -125.0, 68.0), (41.0, 10.0, 22.0), (0.0, 0.0, 1.0)]
