@@ -35,6 +35,7 @@ from .obstacles.deformable import DeformableObstacle
 from .obstacles.motion import RigidMotion
 from .obstacles.rigid import RigidObstacle
 from .obstacles.rigid_body import RigidBody
+from .obstacles.rigid_surface import RigidSurface
 from .obstacles.round import RigidCylinder, RigidSphere
 from .obstacles.search import SearchPolicy
 from .obstacles.shapes import ImplicitObstacle, RigidPlane
@@ -82,6 +83,7 @@ __all__ = [
     "RigidObstacle",
     "RigidPlane",
     "RigidSphere",
+    "RigidSurface",
     "SearchPolicy",
     "Sliding",
     "StepFailed",

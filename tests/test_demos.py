@@ -210,3 +210,20 @@ def test_a_tread_block_brakes(tmp_path):
     assert table[-1]["stick"] == 0.0 < table[-1]["open"]
     assert min(row["narrowest_sipe_mm"] for row in table) > 0.5
     assert len(list(tmp_path.glob("*.png"))) == 7
+
+
+def test_a_lugged_roller_carries_its_load_and_rolls(tmp_path):
+    """From lug to lug, by a way that is known on a rigid floor; the push goes to and fro."""
+    script = DEMOS / "demo_lugged_roller.py"
+    done = run(script, "--cells", 1, "--steps", 20, "--output", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 parts, 0 open edges, 0 edges of more than two faces, 0 flipped" in done.stdout
+    table = [{k: float(v) for k, v in row.items()} for row in rows(tmp_path / "history.csv")]
+    assert max(row["certificate"] for row in table) < 1e-9
+    load, push, angle = (np.array([r[k] for r in table]) for k in ("load_N", "push_N", "angle_rad"))
+    assert load == pytest.approx(40.0, rel=1e-8)
+    assert 1.0 < np.max(push) < 5.0 and -5.0 < np.min(push) < -1.0
+    pitch = 2.0 * np.pi / 16
+    wheel = (34.0 * np.sin(pitch / 2.0) + 3.0 * pitch) / pitch
+    assert 40.0 / (angle[-1] - angle[0]) == pytest.approx(wheel, rel=0.015)
+    assert (tmp_path / "roller.png").stat().st_size > 10_000

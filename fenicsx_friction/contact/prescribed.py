@@ -76,7 +76,8 @@ class Prescribed:
         changed |= frame.steep_hints(normals, hints) & (fixed.sum(axis=1) != 1)
         if not any_rank(side.surface.mesh.comm, bool(np.any(changed))):
             return
-        c, traction = side.nodal(side.c), self._pairing.traction()
+        # A hint along the normal of another face gives no tangent: nothing is known of friction.
+        c, traction = side.nodal(side.c), np.nan_to_num(self._pairing.traction())
         kept[:] = free
         hints[changed] = frame.choose_hints(normals, fixed)[changed]
         for f in (side.hint, self._free):

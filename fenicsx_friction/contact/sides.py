@@ -16,8 +16,8 @@ TOUCH = 1e-8
 ALONG = 0.1
 
 CURE = (
-    "Reverse the normal of a plane, take inside=False for a body outside, or tag the other side of "
-    "the body."
+    "Reverse the normal of a plane, take inside=False for a body outside, flip=True for a "
+    "RigidSurface, or tag the other side of the body."
 )
 
 

@@ -13,7 +13,7 @@ from .system import ContactSystem
 #: What is said of nodes that went through, and of nodes round which an obstacle is missed.
 THROUGH = (
     "went through the obstacle in this step without meeting it: take a smaller step, or "
-    "(deformable obstacles) a larger SearchPolicy.reach."
+    "(deformable obstacles, rigid surfaces) a larger SearchPolicy.reach."
 )
 PIERCED = (
     "have faces that nodes of the obstacle went through in this step: it is smaller or sharper "

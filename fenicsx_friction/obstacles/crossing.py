@@ -19,7 +19,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from ..surfaces.face_cells import Array
-from ..surfaces.faces import FaceSet
+from ..surfaces.faces import Faces
 from .crossing_events import LEAVE, Events, ends_behind, find_events
 from .search import flat
 from .ways import Indices, Mask, Way, simplices
@@ -42,13 +42,13 @@ class Trail:
         normals: Their averaged normals.
     """
 
-    surface: FaceSet
+    surface: Faces
     x: tuple[Array, Array]
     normals: tuple[Array, Array]
 
     @classmethod
     def of(
-        cls, surface: FaceSet, ends: tuple[fem.Function, fem.Function], offset: Array | None = None
+        cls, surface: Faces, ends: tuple[fem.Function, fem.Function], offset: Array | None = None
     ) -> Trail:
         """Return the trail of all nodes between two displacements; collective.
 
@@ -99,7 +99,7 @@ class Motion:
 
 
 def find_crossed(
-    faces: FaceSet, motion: Motion, started: Indices, met: scipy.sparse.csr_array | None = None
+    faces: Faces, motion: Motion, started: Indices, met: scipy.sparse.csr_array | None = None
 ) -> Indices:
     """Return the face that each node has gone behind, or through with the body, in a step, or -1.
 
@@ -159,7 +159,7 @@ def _seen_from_faces(motion: Motion) -> Motion:
     )
 
 
-def _warp(faces: FaceSet, motion: Motion) -> float:
+def _warp(faces: Faces, motion: Motion) -> float:
     """Return the largest warp (m) of a face; its triangles are an eighth of it away from it."""
     twist = faces.cell.twist()
     if twist is None:
@@ -169,7 +169,7 @@ def _warp(faces: FaceSet, motion: Motion) -> float:
     return float(np.max(lengths, initial=0.0))
 
 
-def _candidates(faces: FaceSet, motion: Motion) -> Iterator[tuple[Indices, Indices]]:
+def _candidates(faces: Faces, motion: Motion) -> Iterator[tuple[Indices, Indices]]:
     """Yield nodes and faces that may meet, from balls about the middles of their ways."""
     corners = [x[faces.faces] for x in motion.face_x]
     centers = [c.mean(axis=1) for c in corners]

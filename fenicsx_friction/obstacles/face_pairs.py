@@ -11,16 +11,16 @@ from dolfinx import fem
 
 from ..base.collective import any_rank
 from ..surfaces.face_cells import project
-from ..surfaces.faces import FaceSet
+from ..surfaces.faces import Faces, FaceSet
 from .search import Pairs, SearchPolicy, find_pairs
 from .side import Side
 
 
-class FacePairs:
-    """The pairs of nodes and faces within a step.
+class FacesMet:
+    """The faces that nodes meet within a step.
 
     Args:
-        faces: The faces of the primary surface.
+        faces: The faces.
         secondary: The secondary surface.
         policy: How pairs are found.
         side: The secondary side.
@@ -28,35 +28,25 @@ class FacePairs:
     Attributes:
         pairs: The face of each owned node now.
         start: The same at the last accepted displacement.
-        old_xi: Reference coordinates on the old face of the point that was met there.
-        version: Changes with the pairs.
     """
 
     #: What :meth:`save` keeps, beside the faces met: arrays that are replaced, never changed.
-    _STATE = ("pairs", "start", "_old_face", "old_xi", "version")
+    _STATE: tuple[str, ...] = ("pairs", "start")
 
-    def __init__(
-        self, faces: FaceSet, secondary: FaceSet, policy: SearchPolicy, side: Side
-    ) -> None:
+    def __init__(self, faces: Faces, secondary: FaceSet, policy: SearchPolicy, side: Side) -> None:
         self._faces, self._secondary, self._policy, self._side = faces, secondary, policy, side
-        self._comm, self._last_version = side.surface.mesh.comm, 0
         self.anchor()
 
-    def nodes(self) -> npt.NDArray[np.int64]:
-        """Return the primary nodes of each pair: of its face, then of its old face."""
-        return np.hstack([self._faces.faces[self.pairs.face], self._faces.faces[self._old_face]])
-
     def anchor(self) -> None:
-        """Pair the nodes at ``u_old`` and keep the points of the faces that they meet there."""
+        """Pair the nodes at ``u_old``; collective."""
         n = self._secondary.own.stop - self._secondary.own.start
         held = self._side.c.x.array[: n * self._side.d : self._side.d] != 0.0
         self.pairs = self.start = self._find(self._side.u_old, held)
         self._met = [self.pairs.face]
-        self._place_old()
 
     def search(self) -> bool:
         """Look again for the faces at the current displacement; collective."""
-        comm, keep = self._comm, self._policy.keep
+        comm, keep = self._side.surface.mesh.comm, self._policy.keep
         found = self._find(self._side.u, self.pairs.paired, self.pairs)
         back = self._returns(found)
         if any_rank(comm, bool(np.any(back))):
@@ -65,7 +55,6 @@ class FacePairs:
         if changed:
             self.pairs = found
             self._met.append(found.face)
-            self._place_old()
         return changed
 
     def save(self) -> object:
@@ -102,6 +91,41 @@ class FacePairs:
             last,
             keep=keep,
         )
+
+
+class FacePairs(FacesMet):
+    """The pairs of nodes and faces of a deformable body within a step.
+
+    Args:
+        faces: The faces of the primary surface.
+        secondary: The secondary surface.
+        policy: How pairs are found.
+        side: The secondary side.
+
+    Attributes:
+        pairs, start: See :class:`FacesMet`.
+        old_xi: Reference coordinates on the old face of the point that was met there.
+        version: Changes with the pairs.
+    """
+
+    _STATE = (*FacesMet._STATE, "_old_face", "old_xi", "version")
+    _last_version = 0
+
+    def nodes(self) -> npt.NDArray[np.int64]:
+        """Return the primary nodes of each pair: of its face, then of its old face."""
+        return np.hstack([self._faces.faces[self.pairs.face], self._faces.faces[self._old_face]])
+
+    def anchor(self) -> None:
+        """Pair the nodes at ``u_old`` and keep the points of the faces that they meet there."""
+        super().anchor()
+        self._place_old()
+
+    def search(self) -> bool:
+        """Look again for the faces at the current displacement; collective."""
+        changed = super().search()
+        if changed:
+            self._place_old()
+        return changed
 
     def _place_old(self) -> None:
         """Find the point that each node met at ``u_old``; collective.

@@ -162,9 +162,7 @@ class NodeToFace(TwoBodies):
 
     def couples(self) -> tuple[Indices, Indices]:
         """Return nodes and the nodes of their faces."""
-        node = np.flatnonzero(self.pairs.paired)
-        corners = self.faces.faces[self.pairs.face[node]]
-        return np.repeat(node, corners.shape[1]), corners.ravel()
+        return self.couples_of(self.pairs)
 
     def partners(self, V: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Return the (blocked) dofs of this rank's primary nodes."""

@@ -25,12 +25,12 @@ from .side import Side
 from .weighted import WeightedPairing
 
 
-@dataclass(frozen=True, kw_only=True)
-class RigidObstacle(Obstacle):
-    """A rigid obstacle, at rest or moving.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MovedObstacle(Obstacle):
+    """What is rigid, at rest or moving.
 
     Attributes:
-        motion: Moves the obstacle from where its shape describes it.
+        motion: Moves the obstacle from where it is described.
     """
 
     motion: Motion | None = field(default=None)
@@ -42,18 +42,8 @@ class RigidObstacle(Obstacle):
             instance(self.motion, Motion, "The obstacle's motion", wanted)
 
     @abstractmethod
-    def shape(self, X: Expr) -> Expr:
-        """Return the signed distance (m) of ``X`` from the unmoved obstacle, positive outside."""
-
-    def meet(self, side: Side) -> RigidPairing:
-        """Return the pairing of a side's nodes with the obstacle; collective."""
-        if nodal_on_facets(side.u.function_space):
-            return RigidPairing(self, side)
-        return (WeightedPairing if side.surface.degree == 1 else AllNodesPairing)(self, side)
-
-    def gap(self, x: Expr) -> Expr:
-        """Return the signed distance (m) of the current point ``x``, eq. (1) for any obstacle."""
-        return self.shape(x if self.motion is None else self.motion.undo(x))
+    def gap_and_normal(self, X: Expr, u: Expr) -> tuple[Expr, Expr]:
+        """Return gap (m) and unit normal of a node at rest at ``X`` that has moved by ``u``."""
 
     def way(self, X: Expr, u: Expr, u_old: Expr) -> Expr:
         """Return the node's way (m) in the step, relative to the obstacle.
@@ -64,13 +54,6 @@ class RigidObstacle(Obstacle):
         """
         step = u - u_old
         return step if self.motion is None else step - self.motion.carried_along(X + u_old)
-
-    def gap_and_normal(self, X: Expr, u: Expr) -> tuple[Expr, Expr]:
-        """Return gap (m) and unit normal of a node at rest at ``X`` that has moved by ``u``."""
-        point = ufl.variable(X + u)
-        gap = self.gap(point)
-        gradient = ufl.diff(gap, point)
-        return gap, gradient / ufl.sqrt(ufl.dot(gradient, gradient))
 
     def kinematic_values(
         self, X: Expr, u: Expr, u_old: Expr, hint: Expr, axis: Expr | None = None
@@ -87,6 +70,40 @@ class RigidObstacle(Obstacle):
         gap, normal = self.gap_and_normal(X, u)
         way = self.way(X, u, u_old)
         return ufl.as_vector([*entries(gap, way, normal, hint, axis), *(X + u)])
+
+    def undone(self, x: Array) -> Array:
+        """Return the points of the unmoved obstacle that are at ``x`` now, in numbers."""
+        return x if self.motion is None else self.motion.undone(x)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidObstacle(MovedObstacle):
+    """A rigid obstacle, at rest or moving.
+
+    Attributes:
+        motion: Moves the obstacle from where its shape describes it.
+    """
+
+    @abstractmethod
+    def shape(self, X: Expr) -> Expr:
+        """Return the signed distance (m) of ``X`` from the unmoved obstacle, positive outside."""
+
+    def meet(self, side: Side) -> RigidPairing:
+        """Return the pairing of a side's nodes with the obstacle; collective."""
+        if nodal_on_facets(side.u.function_space):
+            return RigidPairing(self, side)
+        return (WeightedPairing if side.surface.degree == 1 else AllNodesPairing)(self, side)
+
+    def gap(self, x: Expr) -> Expr:
+        """Return the signed distance (m) of the current point ``x``, eq. (1) for any obstacle."""
+        return self.shape(x if self.motion is None else self.motion.undo(x))
+
+    def gap_and_normal(self, X: Expr, u: Expr) -> tuple[Expr, Expr]:
+        """Return gap (m) and unit normal of a node at rest at ``X`` that has moved by ``u``."""
+        point = ufl.variable(X + u)
+        gap = self.gap(point)
+        gradient = ufl.diff(gap, point)
+        return gap, gradient / ufl.sqrt(ufl.dot(gradient, gradient))
 
     def near(self, side: Side, *, nodal: bool = True) -> RigidObstacle:
         """Return the same obstacle with a gap that loses no digits at a side.
@@ -119,10 +136,6 @@ class RigidObstacle(Obstacle):
         look = pairing.look(start, end)
         sizes, outward = pairing.sizes(), pairing.outward()
         return through_anything(pairing.side, look, length, sizes, open_, outward)
-
-    def undone(self, x: Array) -> Array:
-        """Return the points of the unmoved obstacle that are at ``x`` now, in numbers."""
-        return x if self.motion is None else self.motion.undone(x)
 
 
 def middle(side: Side) -> Array:

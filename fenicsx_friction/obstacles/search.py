@@ -11,10 +11,12 @@ from scipy.spatial import cKDTree
 
 from ..base.errors import ContactInputError
 from ..surfaces.face_cells import Array, blend, distances, normals, project, shape_matrix
-from ..surfaces.faces import FaceSet
+from ..surfaces.faces import Faces
 
 #: Distances that differ by this fraction of a face are the same.
 TIE = 1e-9
+#: Nodes whose faces are looked up together.
+BLOCK = 512
 
 
 def check_positive(value: object, name: str, meaning: str) -> None:
@@ -62,7 +64,7 @@ class SearchPolicy:
                 "larger than leave, or nodes are let go where they are paired."
             )
 
-    def distance(self, faces: FaceSet) -> float:
+    def distance(self, faces: Faces) -> float:
         """Return the ``reach``, or its default for the faces (m)."""
         return 2.0 * faces.size if self.reach is None else self.reach
 
@@ -86,7 +88,7 @@ class Pairs:
 
 
 def find_pairs(
-    faces: FaceSet,
+    faces: Faces,
     face_x: Array,
     x: Array,
     directions: Array,
@@ -135,7 +137,7 @@ class Nearest:
     overhang: Array
 
 
-def nearest_faces(faces: FaceSet, face_x: Array, x: Array) -> Nearest:
+def nearest_faces(faces: Faces, face_x: Array, x: Array) -> Nearest:
     """Find the nearest face of each node, near or far, wherever it looks.
 
     Args:
@@ -150,7 +152,7 @@ def nearest_faces(faces: FaceSet, face_x: Array, x: Array) -> Nearest:
 
 
 def _nearest(
-    faces: FaceSet,
+    faces: Faces,
     face_x: Array,
     x: Array,
     i: npt.NDArray[np.int64],
@@ -188,7 +190,7 @@ def _nearest(
 
 
 def _candidates(
-    faces: FaceSet,
+    faces: Faces,
     face_x: Array,
     x: Array,
     directions: Array,
@@ -201,18 +203,25 @@ def _candidates(
     """
     corners = face_x[faces.faces]
     center, radius = balls(corners)
-    i, f = flat(cKDTree(center).query_ball_point(x, policy.distance(faces) + np.max(radius)))
+    tree, reach = cKDTree(center), policy.distance(faces) + np.max(radius)
     middle = np.tile(faces.cell.center, (len(corners), 1))
     normal = normals(faces.cell, corners, middle)
-    looks = np.sum(normal[f] * directions[i], axis=1) < 0.0
-    i, f = i[looks], f[looks]
-    away = np.linalg.norm(x[i] - center[f], axis=1)
-    nearest = np.full(len(x), np.inf)
-    np.minimum.at(nearest, i, away)
-    possible = away - radius[f] <= nearest[i] * (1.0 + TIE)
-    if last is not None:
-        possible |= f == last.face[i]
-    return i[possible], f[possible]
+    none = np.zeros(0, dtype=np.int64)
+    found = [(none, none)]
+    for start in range(0, len(x), BLOCK):  # a tool may have many faces within reach
+        i, f = flat(tree.query_ball_point(x[start : start + BLOCK], reach))
+        i += start
+        looks = np.sum(normal[f] * directions[i], axis=1) < 0.0
+        i, f = i[looks], f[looks]
+        away = np.linalg.norm(x[i] - center[f], axis=1)
+        nearest = np.full(len(x), np.inf)
+        np.minimum.at(nearest, i, away)
+        possible = away - radius[f] <= nearest[i] * (1.0 + TIE)
+        if last is not None:
+            possible |= f == last.face[i]
+        found.append((i[possible], f[possible]))
+    nodes, near = (np.concatenate(part) for part in zip(*found, strict=True))
+    return nodes, near
 
 
 def balls(corners: Array) -> tuple[Array, Array]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A contact surface gathered on every rank: its nodes and its oriented faces."""
+"""Oriented faces: those of a contact surface, gathered on every rank, or any others."""
 
 from __future__ import annotations
 
@@ -11,63 +11,39 @@ from dolfinx import fem, mesh
 
 from ..base.collective import gather_rows
 from ..base.errors import ContactInputError
-from .face_cells import FACE_CELLS, Array, normals
+from .face_cells import FACE_CELLS, Array, FaceCell, normals
 from .surface import ContactSurface
 
 
-class FaceSet:
-    """Nodes and faces of a contact surface on all ranks, in the order of global node numbers.
-
-    A surface is small beside its body. Every rank has the whole surface, so that search and
-    kinematics are local, whichever ranks own the two bodies. Where there are nodes between the
-    vertices, each part of a facet between nodes is a face.
+class Faces:
+    """Nodes and oriented faces at rest.
 
     Args:
-        surface: The surface.
-        u: The displacement of its body.
+        cell: Kind of the faces.
+        X: Coordinates of the nodes (m).
+        faces: Nodes of each face, in an order that makes the normal point outwards.
 
     Attributes:
-        cell: Kind of the faces.
-        X: Reference coordinates of the nodes (m).
-        faces: Nodes of each face, in an order that makes the normal point out of the body.
+        cell: As given.
+        X: As given; reference coordinates, if the nodes move.
+        faces: As given.
         priority: An order of the faces that does not depend on the partition; decides ties.
         sizes: Diameters of the faces (m).
         size: Their mean.
     """
 
-    def __init__(self, surface: ContactSurface, u: fem.Function) -> None:
-        self._surface, self._u = surface, u
-        self._dofs = surface.parent_dofs(u.function_space)[: surface.num_owned]
-        self.cell = FACE_CELLS[surface.submesh.basix_cell().name]
-        d = surface.mesh.geometry.dim
-        self._counts = np.array(surface.mesh.comm.allgather(surface.num_owned))
-        self.X = self.gather(surface.x[:, :d])
-        parts = surface.mesh.comm.allgather(_oriented_faces(surface))
-        self.faces = np.concatenate(parts)
-        corners = self.X[self.faces]
-        center = corners.mean(axis=1) - np.min(self.X, axis=0)
-        extent = np.max(np.ptp(self.X, axis=0))
+    def __init__(self, cell: FaceCell, X: Array, faces: npt.NDArray[np.int64]) -> None:
+        self.cell, self.X, self.faces = cell, X, faces
+        corners = X[faces]
+        center = corners.mean(axis=1) - np.min(X, axis=0)
+        extent = np.max(np.ptp(X, axis=0))
         self.priority = np.argsort(np.lexsort(np.round(center / extent, 9).T[::-1]))
         self.sizes = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
         self.size = float(np.mean(self.sizes))
 
-    @property
-    def own(self) -> slice:
-        """The rows of this rank's nodes."""
-        return slice(*self._surface.S.dofmap.index_map.local_range)
-
-    def gather(self, rows: npt.NDArray) -> npt.NDArray:
-        """Return the rows of the owned nodes of all ranks; collective."""
-        return gather_rows(self._surface.mesh.comm, rows, self._counts)
-
-    def gather_dofs(self, values: npt.NDArray) -> npt.NDArray:
-        """Return the entries of an array over the displacement's dofs at all nodes; collective."""
-        return self.gather(values.reshape(-1, self.X.shape[1])[self._dofs])
-
     def positions(self, u: fem.Function | None = None) -> Array:
-        """Return the positions of all nodes under a displacement (m), the current by default."""
-        displacement = self._u if u is None else u
-        return np.asarray(self.X + self.gather_dofs(displacement.x.array))
+        """Return the positions of all nodes under a displacement (m): they are at rest."""
+        return self.X
 
     def node_normals(self, x: Array) -> Array:
         """Return the averaged unit normals of the nodes at the positions ``x``."""
@@ -84,6 +60,46 @@ class FaceSet:
         for column in self.faces.T:
             np.minimum.at(result, column, self.sizes)
         return result
+
+
+class FaceSet(Faces):
+    """Nodes and faces of a contact surface on all ranks, in the order of global node numbers.
+
+    A surface is small beside its body. Every rank has the whole surface, so that search and
+    kinematics are local, whichever ranks own the two bodies. Where there are nodes between the
+    vertices, each part of a facet between nodes is a face.
+
+    Args:
+        surface: The surface.
+        u: The displacement of its body.
+    """
+
+    def __init__(self, surface: ContactSurface, u: fem.Function) -> None:
+        self._surface, self._u = surface, u
+        self._dofs = surface.parent_dofs(u.function_space)[: surface.num_owned]
+        d = surface.mesh.geometry.dim
+        self._counts = np.array(surface.mesh.comm.allgather(surface.num_owned))
+        X = self.gather(surface.x[:, :d])
+        parts = surface.mesh.comm.allgather(_oriented_faces(surface))
+        super().__init__(FACE_CELLS[surface.submesh.basix_cell().name], X, np.concatenate(parts))
+
+    @property
+    def own(self) -> slice:
+        """The rows of this rank's nodes."""
+        return slice(*self._surface.S.dofmap.index_map.local_range)
+
+    def gather(self, rows: npt.NDArray) -> npt.NDArray:
+        """Return the rows of the owned nodes of all ranks; collective."""
+        return gather_rows(self._surface.mesh.comm, rows, self._counts)
+
+    def gather_dofs(self, values: npt.NDArray) -> npt.NDArray:
+        """Return the entries of an array over the displacement's dofs at all nodes; collective."""
+        return self.gather(values.reshape(-1, self._surface.mesh.geometry.dim)[self._dofs])
+
+    def positions(self, u: fem.Function | None = None) -> Array:
+        """Return the positions of all nodes under a displacement (m), the current by default."""
+        displacement = self._u if u is None else u
+        return np.asarray(self.X + self.gather_dofs(displacement.x.array))
 
 
 def check_surfaces(secondary: ContactSurface, primary: ContactSurface) -> None:
