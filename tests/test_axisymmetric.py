@@ -10,6 +10,7 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from bodies import joined
+from models import tagged_facets
 
 HEXAHEDRON = mesh.CellType.hexahedron
 E, NU = 1000.0, 0.3
@@ -33,21 +34,13 @@ def half_plane(r, z, cell="quadrilateral"):
     return msh
 
 
-def tagged(msh, *where):
-    """Tag facets 1, 2, ... by markers."""
-    found = [mesh.locate_entities_boundary(msh, 1, w) for w in where]
-    facets, order = np.unique(np.concatenate(found), return_index=True)
-    tags = np.concatenate([np.full(len(f), i + 1, dtype=np.int32) for i, f in enumerate(found)])
-    return mesh.meshtags(msh, 1, facets, tags[order])
-
-
 class Body:
     """An elastic body of revolution that meets obstacles from above; its bottom is held in z."""
 
     def __init__(self, name, msh, obstacle, degree=1, mu=0.0, nodes=1, axis=True):
         height = msh.comm.allreduce(np.max(msh.geometry.x[:, 1], initial=-np.inf), MPI.MAX)
         low = msh.comm.allreduce(np.min(msh.geometry.x[:, 1], initial=np.inf), MPI.MIN)
-        tags = tagged(msh, lambda x: np.isclose(x[1], height))
+        tags = tagged_facets(msh, lambda x: np.isclose(x[1], height))
         V = fem.functionspace(msh, ("Lagrange", degree, (2,)))
         self.u, v = fem.Function(V), ufl.TestFunction(V)
         density = ff.bulk.small_strain_energy(self.u, ff.bulk.Elastic(E, NU), axisymmetric=True)
@@ -161,7 +154,7 @@ def test_shrink_fit():
             for ends in ((inner, fit + delta / 2), (fit - delta / 2, outer))
         ]
         msh = joined(MPI.COMM_SELF, *parts)
-        tags = tagged(
+        tags = tagged_facets(
             msh,
             lambda x: np.isclose(x[0], fit + delta / 2),
             lambda x: np.isclose(x[0], fit - delta / 2),
@@ -251,7 +244,7 @@ def test_the_same_in_three_dimensions():
 )
 def test_wrong_rings(low, options, message):
     msh = mesh.create_rectangle(MPI.COMM_SELF, [low, (1.0, 1.0)], [2, 2])
-    tags = tagged(msh, lambda x: np.isclose(x[1], 1.0))
+    tags = tagged_facets(msh, lambda x: np.isclose(x[1], 1.0))
     with pytest.raises(ff.ContactInputError, match=message):
         ff.ContactSurface(msh, tags, 1, **{"axisymmetric": True, **options})
 

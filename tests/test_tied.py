@@ -28,7 +28,7 @@ class Pair:
             tags = tagged_facets(msh, *sides)
             names = {"bottom": (d - 1, (1,)), "top": (d - 1, (2,))}
             parts[body] = ff.NamedMesh(msh, None, tags, names)
-        self.model = model = joined(parts)
+        self.model = model = ff.join_meshes(parts, COMM)
         V = fem.functionspace(model.mesh, ("Lagrange", degree, (d,)))
         self.u, v = fem.Function(V), ufl.TestFunction(V)
         density = ff.bulk.small_strain_energy(self.u, ff.bulk.Elastic(E, NU))
@@ -52,11 +52,6 @@ class Pair:
         self.problem = ff.FrictionalContactProblem(
             F, self.u, contact=self.contact, bcs=bcs, petsc_options_prefix=name, **more
         )
-
-
-def joined(parts):
-    """Join meshes of MPI.COMM_SELF on all ranks."""
-    return ff.join_meshes(parts, COMM)
 
 
 CASES = [

@@ -60,7 +60,10 @@ class ForceScales:
     """
 
     #: What :meth:`begin` and :meth:`find_noise` set: arrays that are replaced, never changed.
-    AT_START = ("_forces", "_tractions", "_coordinates", "_given", "_length", "_values", "_noise")
+    AT_START = (
+        *("_forces", "_tractions", "_coordinates", "_given", "_length", "_values", "_noise"),
+        "_resting",
+    )
 
     def __init__(
         self,
@@ -74,15 +77,15 @@ class ForceScales:
         residuals: Callable[[], list[Array]],
     ) -> None:
         self._unknowns, self._contacts, self._bcs = list(unknowns), contacts, bcs
-        self._u, self._terms = unknowns[0], terms
+        self._u, self._terms, V = unknowns[0], terms, unknowns[0].function_space
         self._momentum, self._residuals = momentum, residuals
-        self._comm, self._equations = self._u.function_space.mesh.comm, equations
+        self._comm, self._equations = V.mesh.comm, equations
         self._measured: list[ForceScales | FurtherEquation | BodyEquation] = [self, *equations]
-        self.number, body = number_bodies(self._u.function_space)
+        self.number, body = number_bodies(V)
         self._stiffness = abs(stiffness)
         self._bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]
         self.surfaces = [Groups(bodies, self.number) for bodies in self._bodies]
-        each = self._u.function_space.dofmap.index_map_bs
+        each = V.dofmap.index_map_bs
         self._labels = np.repeat(body, each)[: len(stiffness)]
         parts = (self._labels, self._bodies, self.number)
         self._rows = RowGroups(unknowns, contacts, bcs, self._stiffness, equations, *parts)
@@ -91,7 +94,6 @@ class ForceScales:
         self.row_factors = self._rows.row_factors
         self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
         self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
-        V = self._u.function_space
         self._linked = link_bodies(contacts, self._bodies, V, body, self.number)
         nodes = self._comm.allreduce(sum(map(len, self._bodies)), MPI.SUM)
         self.nodes_across = nodes ** (1.0 / (each - 1))
@@ -108,6 +110,8 @@ class ForceScales:
         self._noise = np.zeros(self.number)
         self._tractions = self._by_contact(self._traction_lengths())
         self._coordinates = [k.pairing.rounding() for k in self._contacts]
+        bonds = map(at_bonds, self._contacts, self._coordinates)
+        self._resting = DIGITS * self._by_contact(list(bonds))
         there = [
             np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs))) for f in self._unknowns
         ]
@@ -209,15 +213,14 @@ class ForceScales:
         ]
         unresolved = DIGITS * self._by_contact(rounded)
         each = len(self._contacts)
-        resting = DIGITS * self._by_contact(list(map(at_bonds, self._contacts, self._coordinates)))
-        bonded = np.where(resting > 0.0, unresolved, 0.0)  # slips of bonds are rounding
+        bonded = np.where(self._resting > 0.0, unresolved, 0.0)  # slips of bonds are rounding
         faint = FAINT * np.tile(np.maximum(forces, self._forces), each) * self._per_area
         contacts = Scales(
             tractions,
             np.maximum(self._tractions, faint),
             unresolved,
             np.maximum(np.tile(self._given, each) * self._per_area, bonded),
-            np.maximum(np.tile(self._length, each), resting),
+            np.maximum(np.tile(self._length, each), self._resting),
             np.zeros(each * self.number),
             np.tile(strict, each),
         )

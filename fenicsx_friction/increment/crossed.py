@@ -6,7 +6,6 @@ from functools import partial
 import numpy as np
 
 from ..certificate.nodal_state import OPEN
-from ..equations.conditions import constrained_dofs
 from ..surfaces.naming import named
 from .system import ContactSystem
 
@@ -33,7 +32,7 @@ ASKEW = (
 def crossed_nodes(system: ContactSystem) -> list[str]:
     """Say of each contact which nodes make a solution wrong, and why; collective, on all ranks."""
     lines, held = [], np.zeros(len(system.u.x.array))
-    held[constrained_dofs(system.u.function_space, system.bcs)] = 1.0
+    held[system.constrained_dofs] = 1.0
     for k, state in zip(system.contacts, system.nodal_states(), strict=True):
         closed, pairing = state.states() != OPEN, k.pairing
         tests = (
