@@ -160,7 +160,11 @@ class MortarElement:
 
     def forces(self, c: Array) -> Array:
         """Return the forces of multipliers over what is covered: (nodes, stencil, d)."""
-        return self._acting(np.einsum("ck,ckd->cd", c[self._corners.node], self.frames))
+        return self._acting(self._of_corners(c))
+
+    def _of_corners(self, c: Array) -> Array:
+        """Return the tractions of multipliers in global axes at the corners (Pa)."""
+        return np.asarray(np.einsum("ck,ckd->cd", c[self._corners.node], self.frames))
 
     def _acting(self, of_corner: Array) -> Array:
         """Return what acts on the stencils, opposite on both bodies, from what the corners have."""
@@ -171,9 +175,7 @@ class MortarElement:
 
     def point_forces(self, c: Array) -> Array:
         """Return the forces on the body at the points (N), of this rank's nodes."""
-        node = self._corners.node
-        of_corner = np.einsum("ck,ckd->cd", c[node], self.frames)
-        of_corner *= self.shares.covered[node][:, None]
+        of_corner = self._of_corners(c) * self.shares.covered[self._corners.node][:, None]
         return np.asarray(self._corners.of_slip.T @ of_corner)
 
     def turned(self) -> list[tuple[Indices, Indices]]:

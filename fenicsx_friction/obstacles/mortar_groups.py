@@ -49,14 +49,14 @@ class Sums:
 
     def gaps(self, values: Array) -> Array:
         """Return the sums of values at the points, (points, ...), with their shares in gaps."""
-        return _summed(self.of_gap, values)
+        return summed(self.of_gap, values)
 
     def slips(self, values: Array) -> Array:
         """Return the same with their shares in slips and forces."""
-        return _summed(self.of_slip, values)
+        return summed(self.of_slip, values)
 
 
-def _summed(matrix: scipy.sparse.csr_array, values: Array) -> Array:
+def summed(matrix: scipy.sparse.csr_array, values: Array) -> Array:
     """Return a matrix times arrays of any shape."""
     flat = matrix @ values.reshape(len(values), math.prod(values.shape[1:]))
     return np.asarray(flat.reshape(matrix.shape[0], *values.shape[1:]))

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import scipy.sparse
 
 from .facing import Facing
-from .mortar_groups import Groups
+from .mortar_groups import Groups, summed
 from .segments import Segments
 
 Array = npt.NDArray[np.floating]
@@ -71,7 +71,7 @@ class Turning:
 
     def of_patches(self, blocks: Array) -> Array:
         """Add blocks of corners up over patches: (patches, rows, columns)."""
-        return _as_matrices(_added(self._to_patch, blocks))
+        return _as_matrices(summed(self._to_patch, blocks))
 
     def of_pairs(self, turned: Array, points: PointForces, turns: Array) -> Array:
         """Return the blocks of pairs: (pairs, rows, columns).
@@ -81,7 +81,7 @@ class Turning:
             points: The forces at the points.
             turns: How the normal of the patch of each pair turns.
         """
-        of_patch = _added(self._to_pair, turned)
+        of_patch = summed(self._to_pair, turned)
         of_face = np.zeros((*of_patch.shape[:3], points.shapes.shape[1], of_patch.shape[4]))
         loaded = np.flatnonzero(np.bincount(self._pair, np.any(points.force != 0.0, axis=1)))
         if len(loaded):
@@ -117,13 +117,6 @@ def _adder(keys: Indices) -> tuple[Indices, scipy.sparse.csr_array]:
     found, inverse = np.unique(keys, return_inverse=True)
     entries = (np.ones(len(keys)), (inverse.ravel(), np.arange(len(keys))))
     return found, scipy.sparse.csr_array(entries, shape=(len(found), len(keys)))
-
-
-def _added(add: scipy.sparse.csr_array, blocks: Array) -> Array:
-    """Add blocks of any shape up."""
-    shape = blocks.shape[1:]
-    flat = add @ blocks.reshape(len(blocks), int(np.prod(shape)))
-    return np.asarray(flat.reshape(add.shape[0], *shape))
 
 
 def _as_matrices(blocks: Array) -> Array:
