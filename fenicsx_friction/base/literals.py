@@ -16,8 +16,14 @@ from .replacing import Replacing
 Domain = mesh.Mesh | ufl.Mesh
 
 
-class _Lifter(Replacing):
-    """Puts a Constant in place of each number."""
+class Lifter(Replacing):
+    """Puts a Constant in place of each number of an expression without derivatives.
+
+    No variable is left, either: their labels would be part of what tells compiled forms apart.
+
+    Args:
+        domain: What the Constants belong to.
+    """
 
     def __init__(self, domain: Domain) -> None:
         super().__init__()
@@ -38,23 +44,12 @@ class _Lifter(Replacing):
 def lifted_form(form: ufl.Form) -> ufl.Form:
     """Return a form with Constants in place of numbers, and derivatives expanded.
 
-    No variable is left, either: their labels would be part of what tells compiled forms apart. The
-    Constants of an integral belong to its own mesh.
+    The Constants of an integral belong to its own mesh.
     """
     parts = []
     for part in expand_derivatives(form).integrals():
-        parts.append(part.reconstruct(integrand=_Lifter(part.ufl_domain())(part.integrand())))
+        parts.append(part.reconstruct(integrand=Lifter(part.ufl_domain())(part.integrand())))
     return ufl.Form(parts)
-
-
-def lifted(expression: Expr, domain: Domain) -> Expr:
-    """Return an expression with Constants in place of numbers, see :func:`lifted_form`.
-
-    Args:
-        expression: The expression.
-        domain: What the Constants belong to.
-    """
-    return _Lifter(domain)(expand_derivatives(expression))
 
 
 def as_constant(value: float, domain: Domain) -> fem.Constant:

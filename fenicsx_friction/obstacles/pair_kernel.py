@@ -20,7 +20,7 @@ import ufl
 from ufl.core.expr import Expr
 
 from ..surfaces.face_cells import Array, FaceCell, newton_step, weighted
-from ..surfaces.nodal_kernel import Points
+from ..surfaces.nodal_kernel import Points, variable
 from .kinematics import entries, slices
 
 
@@ -60,7 +60,7 @@ class PairKernel:
         self._xi, self._old_xi, self._hint = vector(cell.dim), vector(cell.dim), vector(gdim)
         self._offset = vector(1)
         self.size = slices(gdim)[-1][0]  # all but the position
-        z = ufl.variable(self._z)
+        z = variable(self._z, 0)
         values = self._element(z)
         self._values = self._points.expression(values, comm)
         self._derivatives = self._points.expression(ufl.diff(values, z), comm)

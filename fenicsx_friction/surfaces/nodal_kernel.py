@@ -25,14 +25,15 @@ from ufl.classes import (
     Derivative,
     Expr,
     GeometricQuantity,
+    Label,
     SpatialCoordinate,
+    Variable,
 )
 from ufl.domain import extract_domains
 
 from ..base.compilation import compiled
 from ..base.errors import ContactInputError
-from ..base.literals import lifted
-from ..base.replacing import Replacing
+from ..base.literals import Lifter
 
 Array = npt.NDArray[np.floating]
 
@@ -82,8 +83,11 @@ class Points:
         return fem.Function(fem.functionspace(self.mesh, element))
 
     def expression(self, values: Expr, comm: MPI.Intracomm) -> Callable[[], Array]:
-        """Compile an expression; returns what evaluates it, one row a point."""
-        values = lifted(values, self.mesh)
+        """Compile an expression; returns what evaluates it, one row a point.
+
+        Derivatives by what :func:`variable` returns may be left in it: FFCx expands them where
+        it has no compiled form.
+        """
         if not extract_coefficients(values) and not extract_constants(values):  # of no mesh
             values = values + fem.Constant(self.mesh, np.zeros(values.ufl_shape))
         made = compiled(fem.Expression, comm)(values, np.zeros((1, 0)), comm=comm)
@@ -93,6 +97,18 @@ class Points:
             return np.asarray(made.eval(self.mesh, self.cells)[: self.number, 0])
 
         return evaluate
+
+
+def variable(f: Expr, number: int) -> Expr:
+    """Return a variable to differentiate by, whose label is the same in each run.
+
+    FFCx would compile an expression with a label of UFL's own count again and again.
+
+    Args:
+        f: What it stands for.
+        number: Its own number in an expression, which must have no other variables.
+    """
+    return Variable(f, Label(number))
 
 
 class NodalKernel:
@@ -110,10 +126,9 @@ class NodalKernel:
         at_points = copies(expand_derivatives(values))
         self._sizes = [(len(values), 1)]
         entries = _entries(at_points)
-        for f in by:
-            variable = ufl.variable(copies(f))
-            derivative = ufl.diff(ufl.replace(at_points, {copies(f): variable}), variable)
-            entries += _entries(derivative)
+        for i, f in enumerate(by):
+            of = variable(copies(f), i)
+            entries += _entries(ufl.diff(ufl.replace(at_points, {copies(f): of}), of))
             self._sizes.append((len(values), int(np.prod(f.ufl_shape, dtype=int))))
         # All in one, for the compiler is slow, and the nodes of a surface are few.
         self._evaluate = self._points.expression(ufl.as_vector(entries), comm)
@@ -144,11 +159,11 @@ class NodalKernel:
         return self._kept[1]
 
 
-class _Copies(Replacing):
-    """Copies terminals to the mesh of points; ``refresh`` copies their values."""
+class _Copies(Lifter):
+    """Copies terminals and numbers to the mesh of points; ``refresh`` copies their values."""
 
     def __init__(self, sites: Sites, points: Points) -> None:
-        super().__init__()
+        super().__init__(points.mesh)
         self._sites, self._points, self._version = sites, points, 1
         self._sources: list[tuple[Array, Callable[[], Array]]] = []
 
@@ -174,7 +189,7 @@ class _Copies(Replacing):
         if isinstance(o, (GeometricQuantity, Derivative)):
             self._refuse_surface(o)
             return self._field(o, None)
-        return None
+        return super().replacement(o)
 
     def _refuse_surface(self, o: Expr) -> None:
         """Refuse what lives on facets: FFCx would give other values, without a word."""
