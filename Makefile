@@ -2,8 +2,10 @@
 RUN = ./container
 DEMO = results/raous_rectangle
 PYTEST = python3 -m pytest
+# Ranks that wait yield: a busy machine would have none left for those that work.
+RANKS = env OMPI_MCA_mpi_yield_when_idle=1 mpirun
 
-.PHONY: help demo test check lint format getfem clean
+.PHONY: help demo test check weekly lint format getfem clean
 
 help:  ## show the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 16
@@ -15,11 +17,14 @@ demo:  ## the first demo: Raous' rectangle with friction
 test:  ## everything CI checks: style, types, tests, tests on two ranks
 	$(RUN) make check RUN=
 
-check: lint  # inside the environment; only a test that hangs has a limit, in pyproject.toml. Ranks that
-# wait yield: a busy machine would have none left for those that work.
+check: lint  # inside the environment; only a test that hangs has a limit, in pyproject.toml
 	$(PYTEST) -n 2 --dist worksteal
 	python3 benchmarks/counts.py
-	OMPI_MCA_mpi_yield_when_idle=1 mpirun -n 2 $(PYTEST) -p no:xdist -m mpi
+	$(RANKS) -n 2 $(PYTEST) -p no:xdist -m mpi
+
+weekly:  ## what takes longer: three ranks, random problems against the exact solver
+	$(RUN) $(RANKS) --oversubscribe -n 3 $(PYTEST) -p no:xdist -m mpi
+	$(RUN) python3 benchmarks/random_suite.py
 
 lint:  ## style and types only
 	$(RUN) ruff check .

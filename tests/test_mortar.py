@@ -325,7 +325,7 @@ def test_dissipation_of_a_partly_covered_block_is_the_work_of_friction():
     model.move(0.0, -0.01)
     model.problem.solve()
     audit = ff.EnergyAudit(model.problem, model.stored)
-    for x in np.linspace(0.0, 0.02, 41)[1:]:
+    for x in np.linspace(0.0, 0.02, 21)[1:]:
         model.move(-x, -0.01)
         model.problem.solve()
         balance = audit.update()

@@ -170,7 +170,7 @@ def layers(x):
 def test_where_multigrid_fails_a_factor_follows(monkeypatch):
     """``auto`` never loses a step that a direct solver finds; it stays with what worked."""
     monkeypatch.setattr(choice, "MULTIGRID_FROM", 100)
-    hard = {"held": "top", "energy": "finite", "E": layers, "n": 8}
+    hard = {"held": "top", "energy": "finite", "E": layers, "n": 6}
     model = cube("auto", **hard)
     model.problem.solvers.full.options["ksp_max_it"] = 3
     found = model.states(LIFT[:2])
