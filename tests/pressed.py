@@ -17,7 +17,18 @@ class Half:
     """A block below y = 0 (z = 0), held at its bottom, under rigid bodies."""
 
     def __init__(
-        self, name, bodies, d=2, degree=1, mu=0.3, width=1.0, numbers=None, place=None, nodes=1
+        self,
+        name,
+        bodies,
+        d=2,
+        degree=1,
+        mu=0.3,
+        width=1.0,
+        numbers=None,
+        place=None,
+        nodes=1,
+        energy="small",
+        **options,
     ):
         low, high = (-width,) * (d - 1) + (-1.0,), (width,) * (d - 1) + (0.0,)
         make = mesh.create_rectangle if d == 2 else mesh.create_box
@@ -30,8 +41,9 @@ class Half:
         if place is not None:
             msh.geometry.x[:, :d] = place(msh.geometry.x[:, :d])
         self.u, v = fem.Function(V), ufl.TestFunction(V)
-        energy = ff.bulk.small_strain_energy(self.u, ff.bulk.Elastic(E, NU))
-        F = ufl.derivative(sum(energy) * ufl.dx, self.u, v)
+        density = {"small": ff.bulk.small_strain_energy, "finite": ff.bulk.neo_hooke_energy}[energy]
+        stored = sum(density(self.u, ff.bulk.Elastic(E, NU))) * ufl.dx
+        F = ufl.derivative(stored, self.u, v)
         self.bodies, obstacles = bodies(msh)
         friction = ff.Coulomb(mu) if mu else ff.Frictionless()
         self.contacts = [
@@ -44,6 +56,7 @@ class Half:
             contact=self.contacts,
             bcs=[fem.dirichletbc(np.zeros(d), bottom, V)],
             petsc_options_prefix=name,
+            **options,
         )
 
     @property

@@ -44,6 +44,28 @@ class Blocks(Generic[Part]):
         """Go through all kinds."""
         yield from (self.laws, self.levers, *self.turning, *self.body)
 
+    def stiff(self) -> list[Part]:
+        """Return those of forces by displacements and motions."""
+        return [*self.turning, *(self.body[i] for i in (0, 2, 3) if self.body)]
+
+    def by_multipliers(self) -> list[Part]:
+        """Return those of forces by the multipliers: on the nodes, and on a rigid body."""
+        return [self.levers, *self.body[1:2]]
+
+
+def columns_of_laws(at: Blocks[Places], blocks: Blocks[Array]) -> tuple[slice, slice, slice]:
+    """Return which columns of the laws' rows are of stencil, multipliers and a rigid body.
+
+    Args:
+        at: Places of the blocks of a contact whose laws depend on no further unknowns.
+        blocks: Their values.
+    """
+    c, columns = at.laws
+    motion = blocks.body[0].shape[2] if blocks.body else 0
+    end = columns.shape[1] - motion
+    first = end - c.shape[1]
+    return slice(first), slice(first, end), slice(end, end + motion)
+
 
 #: Places and values of the blocks of a contact, and the softness of its nodes.
 Coupling = tuple[Blocks[Places], Blocks[Array], Array]

@@ -6,8 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -19,7 +17,7 @@ from ..contact.bonds import at_bonds
 from ..contact.contact import Contact
 from ..surfaces.cells import extent, extreme_sizes
 from .bodies import link_bodies, number_bodies
-from .body_equation import BodyEquation
+from .body_equation import BodyEquation, bodies_of
 from .boundary_measure import BoundaryMeasure
 from .conditions import with_conditions
 from .contact_terms import ContactTerms
@@ -95,7 +93,7 @@ class ForceScales:
         self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
         self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
         self._linked = link_bodies(contacts, self._bodies, V, body, self.number)
-        nodes = self._comm.allreduce(sum(map(len, self._bodies)), MPI.SUM)
+        nodes = sum(self._comm.allgather(sum(map(len, self._bodies))))
         self.nodes_across = nodes ** (1.0 / (each - 1))
         # What moves a node by the size of the mesh: more, as in a jammed corner, would hide errors.
         self._size = extreme_sizes(V.mesh)[1], extent(V.mesh)
@@ -183,11 +181,14 @@ class ForceScales:
             rows: The owned rows.
         """
         groups = Groups(self._labels[dofs], self.number)
-        part = self._rows.part(rows, self.number * (1 + len(self._contacts)))
+        further = self._equations if bodies_of(self._contacts) else []
+        number = self.number * (1 + len(self._contacts)) + sum(e.number for e in further)
+        part = self._rows.part(rows, number)
 
         def scales() -> Scales:
             forces = self._stiffness[dofs] * abs(self._u.x.array[dofs])
-            return joined(self._of_forces(groups.largest(forces)))
+            bodies, contacts = self._of_forces(groups.largest(forces))
+            return joined([bodies, contacts, *(e.scales(bodies) for e in further)])
 
         return BoundaryMeasure(part, scales, self.nodes_across)
 
@@ -202,8 +203,7 @@ class ForceScales:
         if momentum is not None:
             largest = np.maximum(largest, self._held.largest(abs(momentum)))
         forces, hidden = self._over_ranks(np.stack([largest, DIGITS * hidden]))
-        forces = np.minimum(forces, self._most)
-        strict = np.zeros(self.number, dtype=bool)
+        forces, strict = np.minimum(forces, self._most), np.zeros(self.number, dtype=bool)
         start = (self._given, self._length, self._noise)
         bodies = Scales(forces, self._forces, hidden, *start, strict)
         tractions = np.minimum(self._by_contact(self._traction_lengths()), self._most_traction)
@@ -211,8 +211,7 @@ class ForceScales:
             k.nodal_scale() * (k.distance() + lengths)
             for k, lengths in zip(self._contacts, self._coordinates, strict=True)
         ]
-        unresolved = DIGITS * self._by_contact(rounded)
-        each = len(self._contacts)
+        unresolved, each = DIGITS * self._by_contact(rounded), len(self._contacts)
         bonded = np.where(self._resting > 0.0, unresolved, 0.0)  # slips of bonds are rounding
         faint = FAINT * np.tile(np.maximum(forces, self._forces), each) * self._per_area
         contacts = Scales(

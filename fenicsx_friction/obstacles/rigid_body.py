@@ -83,6 +83,7 @@ class RigidBody(Motion):
         self._old_turned = fem.Constant(msh, np.zeros((d, d)))
         self._mask, self._stiffness = (fem.Constant(msh, np.ones(n)) for _ in range(2))
         self.length = extent(msh)
+        self._unit = np.array([1.0] * d + [1.0 / self.length] * (n - d))  # makes forces of rows
         self.free = free
         if spring is not None:
             self.spring.value[:] = self._checked(spring)
@@ -149,8 +150,7 @@ class RigidBody(Motion):
         dx = ufl.dx(domain=msh, metadata={"quadrature_degree": 2})
         volume = compiled(fem.form, msh.comm)(fem.Constant(msh, 1.0) * dx)
         share = fem.Constant(msh, 1.0 / msh.comm.allreduce(fem.assemble_scalar(volume)))
-        unit = fem.Constant(msh, np.ones(n))
-        unit.value[d:] = 1.0 / self.length
+        unit = fem.Constant(msh, self._unit)
         loads = [self.force[i] for i in range(d)] + [self.moment[i] for i in range(n - d)]
         rows = []
         for i in range(n):
@@ -159,11 +159,14 @@ class RigidBody(Motion):
             rows.append(self._mask[i] * balance + (1.0 - self._mask[i]) * held)
         return share * sum(row * v[i] for i, row in enumerate(rows)) * dx
 
+    def slopes(self) -> Array:
+        """Return the derivatives of the rows of :meth:`residual`, each by its own component."""
+        return np.where(self.released, self._unit * self.spring.value, self._stiffness.value)
+
     def loads(self) -> float:
         """Return the largest load on a free component (N), moments over the length."""
         loads = np.append(self.force.value, self.moment.value)
-        loads -= self.spring.value * self.q.x.array
-        loads[len(self.center) :] /= self.length
+        loads = self._unit * (loads - self.spring.value * self.q.x.array)
         return float(np.max(abs(loads[self.released]), initial=0.0))
 
     def settings(self) -> Array:

@@ -15,12 +15,13 @@ from dolfinx import fem
 from ..base.collective import gather_rows
 from ..base.keeping import ErrorKeeper
 from ..contact.contact import Contact
-from ..equations.blocks import Blocks, Places
+from ..equations.blocks import Blocks, Places, columns_of_laws
 from ..equations.contact_terms import ContactTerms, Law
 from ..equations.numbering import num_owned, spread
 from .boundary_matrix import BoundaryMatrix
 from .condensed_bulk import CondensedBulk
 from .eliminated import Block, Elements
+from .loaded_bodies import LoadedBodies
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -32,17 +33,19 @@ FAINT = 1e-13
 class BoundaryEquations:
     """Balance of forces on the dofs of contact, and the rows of the laws; collective.
 
-    Unknown are, rank by rank, the displacements of these dofs and the multipliers. It serves PETSc
+    Unknown are, rank by rank, the displacements of these dofs, the motions of rigid bodies that
+    carry loads, and the multipliers. It serves PETSc
     as the context of matrix and preconditioner, too. It must not hold the SNES, see ``Callbacks``.
 
     Args:
         bulk: The condensed bulk.
+        bodies: The rigid bodies that carry loads.
         unknowns: All unknowns of the problem, displacement first, multipliers last.
         contacts: The contacts.
         bcs: Dirichlet conditions.
 
     Attributes:
-        bulk: As given.
+        bulk, bodies: As given.
         terms: The terms of contact, by these numbers.
         own: Where the unknowns of this rank are among the owned rows of the whole system.
         law: The rows of the substep that is being solved.
@@ -52,12 +55,16 @@ class BoundaryEquations:
     def __init__(
         self,
         bulk: CondensedBulk,
+        bodies: LoadedBodies,
         unknowns: Sequence[fem.Function],
         contacts: Sequence[Contact],
         bcs: Sequence[fem.DirichletBC],
     ) -> None:
         self.comm = unknowns[0].function_space.mesh.comm
-        self.bulk, self._unknowns, self._contacts = bulk, list(unknowns), contacts
+        self.bulk, self.bodies, self._unknowns = bulk, bodies, list(unknowns)
+        self._contacts = contacts
+        #: Unknowns whose own dofs are all here.
+        self._whole = self._unknowns[len(unknowns) - len(contacts) - len(bodies.motions) :]
         self.law: Law | None = None
         self.errors = ErrorKeeper()
         self._matrix: BoundaryMatrix | None = None
@@ -67,27 +74,27 @@ class BoundaryEquations:
     def _number(self) -> None:
         """Number the unknowns of this and of all ranks."""
         owned = [num_owned(f) for f in self._unknowns]
-        bulk, sizes = len(owned) - len(self._contacts), [len(self.bulk.dofs)]
-        sizes += owned[bulk:]
+        bulk, moving = len(owned) - len(self._whole), len(self.bodies.motions)
+        sizes = [len(self.bulk.dofs), *owned[bulk:]]
         all_sizes = np.array(self.comm.allgather(sizes))
         d = self._unknowns[0].function_space.mesh.geometry.dim
-        self._nodes = all_sizes[:, 1:].T // d  # of each contact, on each rank
+        self._nodes = all_sizes[:, 1 + moving :].T // d  # of each contact, on each rank
+        self._components = all_sizes[:, 1 : 1 + moving].sum(axis=1)
         self.size, self._counts = sum(sizes), all_sizes.sum(axis=1)
         first = int(np.sum(self._counts[: self.comm.rank]))
         ends = np.cumsum([first, *sizes])
         self._rows = [np.full(len(f.x.array), -1) for f in self._unknowns]
         self._rows[0] = spread(self._unknowns[0].function_space, self.bulk.dofs, ends[0])
-        for i, k in enumerate(self._contacts):
+        for i, f in enumerate(self._whole):
             every = np.arange(sizes[1 + i])
-            self._rows[bulk + i] = spread(k.c.function_space, every, ends[1 + i])
+            self._rows[bulk + i] = spread(f.function_space, every, ends[1 + i])
         starts = np.cumsum([0, *owned])
         self.own = np.concatenate([self.bulk.dofs, np.arange(starts[bulk], starts[-1])])
-        # Displacements of all ranks, in the order of the Schur complement, then multipliers.
-        displacement = np.concatenate(
-            [np.arange(total) < q for total, q in zip(self._counts, all_sizes[:, 0], strict=True)]
-        )
-        self._place = np.empty(len(displacement) + 1, dtype=np.int64)
-        self._place[np.argsort(~displacement, kind="stable")] = np.arange(len(displacement))
+        # Displacements of all ranks, in the order of the Schur complement, motions, multipliers.
+        kinds = np.repeat([0, 1, 2], [1, moving, len(self._contacts)])
+        kind = np.concatenate([np.repeat(kinds, row) for row in all_sizes])
+        self._place = np.empty(len(kind) + 1, dtype=np.int64)
+        self._place[np.argsort(kind, kind="stable")] = np.arange(len(kind))
         self._place[-1] = -1
         at = int(np.sum(all_sizes[: self.comm.rank, 0]))
         self._own_forces = slice(at, at + sizes[0])
@@ -100,18 +107,16 @@ class BoundaryEquations:
 
     def read(self, x: PETSc.Vec) -> None:
         """Take the present values of the unknowns."""
-        first = len(self._unknowns) - len(self._contacts)
         parts = [self._unknowns[0].x.array[self.bulk.dofs]]
-        parts += [f.x.array[: num_owned(f)] for f in self._unknowns[first:]]
+        parts += [f.x.array[: num_owned(f)] for f in self._whole]
         x.array[:] = np.concatenate(parts)
 
     def follow(self, x: PETSc.Vec) -> None:
         """Put an iterate into the unknowns and the kinematics."""
-        values, first = x.array_r, len(self._unknowns) - len(self._contacts)
-        at = len(self.bulk.dofs)
+        values, at = x.array_r, len(self.bulk.dofs)
         self._unknowns[0].x.array[self.bulk.dofs] = values[:at]
         self._unknowns[0].x.scatter_forward()
-        for f in self._unknowns[first:]:
+        for f in self._whole:
             f.x.array[: num_owned(f)] = values[at : at + num_owned(f)]
             f.x.scatter_forward()
             at += num_owned(f)
@@ -132,6 +137,12 @@ class BoundaryEquations:
             c[: len(size)][(k.pairing.gaps() > 0.0) & (size < FAINT * largest)] = 0.0
             k.c.x.scatter_forward()
 
+    def begin(self) -> float:
+        """Condense the loads of a step; return the 2-norm of the rows without contact (N)."""
+        forces = self.bulk.begin()
+        of_bodies = self.bodies.begin(self.bulk.others)
+        return float(np.sqrt(forces**2 + self.comm.allreduce(of_bodies**2)))
+
     def forget_matrix(self) -> None:
         """Free the memory of the dense matrix."""
         self._matrix = None
@@ -146,6 +157,7 @@ class BoundaryEquations:
             b.zeroEntries()
             moved = bulk.gathered() - bulk.start
             b.array[:n] = bulk.loads + bulk.schur[self._own_forces] @ moved
+            b.array[n : n + self.bodies.size] = self.bodies.rows()
             assert self.law is not None
             self.terms.add_residual(b, self.law)
 
@@ -161,10 +173,12 @@ class BoundaryEquations:
             turning = [
                 self._of_all(place, values)
                 for p, b in zip(places, blocks, strict=True)
-                for place, values in zip(p.turning, b.turning, strict=True)
+                for place, values in zip(p.stiff(), b.stiff(), strict=True)
             ]
             self._matrix = None  # two would take twice the memory
-            self._matrix = BoundaryMatrix(self.bulk.schur, parts, turning, len(self._place) - 1)
+            springs = self.bodies.slopes_of_all(self._components)
+            size = len(self._place) - 1
+            self._matrix = BoundaryMatrix(self.bulk.schur, springs, parts, turning, size)
 
     def mult(self, J: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Multiply by the matrix."""
@@ -188,13 +202,14 @@ class BoundaryEquations:
 
     def _nodes_of_all(self, counts: Indices, at: Blocks[Places], blocks: Blocks[Array]) -> Elements:
         """Return the nodes of a contact of all ranks."""
-        (c, columns), d = at.laws, at.laws[0].shape[1]
-        c, columns, laws, forces = (
-            gather_rows(self.comm, rows, counts)
-            for rows in (c, columns, blocks.laws, blocks.levers)
-        )
-        q, by_q, by_c = columns[:, :-d], laws[:, :, :-d], laws[:, :, -d:]
-        return Elements(self._place[q], self._place[c], by_q, by_c, forces)
+        stencil, multipliers, motion = columns_of_laws(at, blocks)
+        parts = (*at.laws, blocks.laws, np.concatenate(blocks.by_multipliers(), axis=1))
+        c, columns, laws, forces = (gather_rows(self.comm, rows, counts) for rows in parts)
+        # What the multipliers load comes first: nodes, then a rigid body.
+        loaded = blocks.levers.shape[1]
+        q = np.r_[:loaded, motion, loaded : stencil.stop]
+        by_q, by_c = laws[:, :, q], laws[:, :, multipliers]
+        return Elements(self._place[columns[:, q]], self._place[c], by_q, by_c, forces)
 
     def _of_all(self, places: Places, values: Array) -> Block:
         """Return blocks of all ranks, as many as there are on each."""

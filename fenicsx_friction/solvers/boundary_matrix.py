@@ -30,16 +30,22 @@ class BoundaryMatrix:
 
     Args:
         schur: Stiffness of the bulk (N/m).
+        springs: Those of the motions of rigid bodies, which come after the displacements.
         parts: The nodes of all contacts.
         turning: How displacements turn the forces of contact: further stiffness.
         size: Number of unknowns.
     """
 
     def __init__(
-        self, schur: Array, parts: Sequence[Elements], turning: Sequence[Block], size: int
+        self,
+        schur: Array,
+        springs: Array,
+        parts: Sequence[Elements],
+        turning: Sequence[Block],
+        size: int,
     ) -> None:
-        self._schur, self._parts, self._n, self._size = schur, parts, len(schur), size
-        self._turning = turning
+        self._schur, self._springs, self._parts, self._size = schur, springs, parts, size
+        self._n, self._turning = len(schur) + len(springs), turning
         columns = np.concatenate([part.q.ravel() for part in parts])
         counts = np.bincount(columns[columns >= 0], minlength=self._n)
         self._regular = [part.regular(counts) for part in parts]
@@ -51,8 +57,9 @@ class BoundaryMatrix:
 
     def _products(self, x: Array, blocks: Sequence[Block]) -> Array:
         """Multiply stiffness and other blocks; displacements come first."""
-        result = np.zeros(len(x))
-        result[: self._n] = self._schur @ x[: self._n]
+        result, bulk, n = np.zeros(len(x)), len(self._schur), self._n
+        result[:bulk] = self._schur @ x[:bulk]
+        result[bulk:n] = self._springs * x[bulk:n]
         for rows, columns, values in (*self._turning, *blocks):
             products = np.einsum("nij,nj->ni", values, np.where(columns >= 0, x[columns], 0.0))
             there = rows >= 0
@@ -101,8 +108,10 @@ class BoundaryMatrix:
 
     def _assembled(self, wanted: Indices) -> Array:
         """Return these rows of the matrix of all that is kept."""
-        balance = np.zeros((len(self._kept),) * 2)
-        balance[: self._n, : self._n] = self._schur
+        balance, bulk = np.zeros((len(self._kept),) * 2), len(self._schur)
+        balance[:bulk, :bulk] = self._schur
+        motions = np.arange(bulk, self._n)
+        balance[motions, motions] = self._springs
         for block in (*self._turning, *self._special):
             _scatter(balance, *block)
         matrix = balance[wanted]

@@ -32,7 +32,7 @@ def linear_solvers_of(
 
     Args:
         options: Options of the solvers.
-        unknowns: Those of the bulk, displacement first.
+        unknowns: Those of the bulk, displacement first, without motions of rigid bodies.
         condensed: Whether steps are solved on the boundary if nothing else is asked for.
 
     Raises:

@@ -42,7 +42,8 @@ class CondensedBulk:
         bcs: Dirichlet conditions.
         entity_maps: Entity maps of all meshes in the residuals.
         contacts: The contacts.
-        residuals: Returns the rows of the residuals at the owned dofs, without contact.
+        residuals: Returns the rows of the residuals at the owned dofs, without contact; those of
+            other unknowns after these.
         prefix: Prefix of the PETSc options of the factor.
         options: PETSc options.
         matrix: The tangent as it is now, without conditions, if it is at hand.
@@ -52,6 +53,7 @@ class CondensedBulk:
         dofs: The owned free dofs of the displacement at nodes that contact may load.
         origin: The unknowns when the loads were condensed.
         start: Displacements of all ranks' dofs of contact when the loads were condensed (m).
+        others: The rows of the other unknowns then.
         loads: Forces of the bulk on this rank's dofs of contact at ``start`` (N).
         factorisations: How many there have been.
     """
@@ -158,7 +160,8 @@ class CondensedBulk:
         self.origin = [f.x.array.copy() for f in self._unknowns]
         if self.linear:
             self.enter()
-        r.array[:] = np.concatenate(list(self._residuals())) + self._tangent.lifted
+        rows, own = list(self._residuals()), len(self._unknowns)
+        r.array[:], self.others = np.concatenate(rows[:own]) + self._tangent.lifted, rows[own:]
         self.enter()
         r.array[self._held] = 0.0
         norm = float(r.norm())

@@ -17,6 +17,7 @@ from ..base.collective import any_rank
 from ..base.compat import jacobian_blocks
 from ..base.log import tell
 from ..contact.contact import Contact
+from ..equations.body_equation import bodies_of
 from ..equations.contact_terms import ContactTerms
 from ..equations.forces import ForceScales
 from .boundary import BoundaryEquations
@@ -24,6 +25,7 @@ from .boundary_newton import BoundaryNewton
 from .choice import linear_solvers_of, suits_boundary
 from .condensed_bulk import Array, CondensedBulk
 from .linear import direct_package
+from .loaded_bodies import LoadedBodies
 from .newton import Newton
 from .options import DEFAULT_OPTIONS, SolverOptions
 from .solvers import Solvers
@@ -39,8 +41,6 @@ def obstacle_to_condensing(
     options: Mapping[str, object],
 ) -> str:
     """Say why a bulk cannot be condensed; empty if it can."""
-    if any(k.pairing.body is not None for k in contacts):
-        return "a rigid body carries loads"
     of_contact = [f for k in contacts for f in (k.c, k.pairing.field)]
     if any(f in extract_coefficients(block) for block in blocks for f in of_contact):
         return "the bulk depends on the contact"
@@ -71,8 +71,8 @@ def solvers_of(
     """Return the solvers of a problem; collective.
 
     Args:
-        blocks: Residuals of the bulk.
-        unknowns: Their unknowns, displacement first.
+        blocks: Residuals of the bulk and of rigid bodies that carry loads.
+        unknowns: Their unknowns, displacement first, motions of rigid bodies last.
         contacts: The contacts.
         bcs: Dirichlet conditions.
         entity_maps: Entity maps of all meshes in the residuals.
@@ -85,21 +85,22 @@ def solvers_of(
     own = options_for(contacts, options.given)
     state = [*unknowns, *(k.c for k in contacts)]
     reason = obstacle_to_condensing(blocks, unknowns, contacts, own)
-    boundary = None
-    if reason or len(unknowns) > 1:
+    boundary, bodies = None, LoadedBodies(bodies_of(contacts))
+    inside = list(unknowns[: len(unknowns) - len(bodies.motions)])
+    if reason or len(inside) > 1:
         tangent.destroy()
     if not reason:
         all_options = {**DEFAULT_OPTIONS, **own}
         of_bulk = {
             k: v for k, v in all_options.items() if k in options.given or not k.startswith("mat_")
         }
-        settings = (f"{options.prefix}bulk_", of_bulk, tangent if len(unknowns) == 1 else None)
-        tangents = jacobian_blocks(blocks, unknowns)
-        bulk = CondensedBulk(tangents, unknowns, bcs, entity_maps, contacts, residuals, *settings)
-        equations = BoundaryEquations(bulk, state, contacts, bcs)
+        settings = (f"{options.prefix}bulk_", of_bulk, tangent if len(inside) == 1 else None)
+        tangents = jacobian_blocks(blocks[: len(inside)], inside)
+        bulk = CondensedBulk(tangents, inside, bcs, entity_maps, contacts, residuals, *settings)
+        equations = BoundaryEquations(bulk, bodies, state, contacts, bcs)
         boundary = BoundaryNewton(equations, state, all_options, scales)
     small = boundary is not None and suits_boundary(boundary.equations.bulk, unknowns[0])
-    linear_solvers = linear_solvers_of(options, unknowns, condensed=small)
+    linear_solvers = linear_solvers_of(options, inside, condensed=small)
     forms = [*blocks, *(place(k) for k in contacts)]
     full = Newton(
         forms, state, bcs, options.prefix, own, entity_maps, scales, terms, linear_solvers[0]

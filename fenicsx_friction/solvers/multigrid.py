@@ -19,6 +19,7 @@ from dolfinx import fem
 from ..base.collective import any_rank
 from ..base.keeping import ErrorKeeper
 from ..equations.blocks import Coupling
+from .border import Border
 from .options import inside, refused, set_up
 from .rigid_modes import rigid_modes
 from .saddle import SaddleBlocks
@@ -53,6 +54,7 @@ class Multigrid:
 
     Args:
         u: The displacement.
+        motions: Those of rigid bodies that carry loads.
         multipliers: Those of all contacts.
         couplings: Returns places, values and softness of the blocks of each contact, now.
         prefix: Of the options of the V-cycle.
@@ -67,6 +69,7 @@ class Multigrid:
     def __init__(
         self,
         u: fem.Function,
+        motions: Sequence[fem.Function],
         multipliers: Sequence[fem.Function],
         couplings: Callable[[], list[Coupling]],
         prefix: str,
@@ -76,7 +79,8 @@ class Multigrid:
         self._V, self._couplings, self._errors = u.function_space, couplings, errors
         given = {k.removeprefix(CYCLE): v for k, v in options.items() if k.startswith(CYCLE)}
         self._prefix, self._options = f"{prefix}{CYCLE}", {**CYCLE_OPTIONS, **given}
-        self._blocks = SaddleBlocks(u, multipliers)
+        self._blocks = SaddleBlocks(u, motions, multipliers)
+        self._border = Border(self._blocks) if motions else None
         self._cycle: PETSc.PC | None = None
         self.set_ups, self.fresh = 0, False
         self._decades, self._spent, self._worn = 1.0, 0, False
@@ -114,25 +118,37 @@ class Multigrid:
             if self.fresh:
                 self._make_levels(cycle)
             self._cycle, self._worn = cycle, False
+            if self._border and not self._border.update(pc.getOperators()[1], self._solve):
+                pc.setFailedReason(NOT_FINITE)
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve with the block factorisation and one V-cycle."""
         with self._errors():
-            blocks, n = self._blocks, self._blocks.num_u
-            assert self._cycle is not None and blocks.forces is not None
-            forces, laws = r.array_r[:n], r.array_r[n:]
-            self._c.array[:] = blocks.multipliers(laws)
-            blocks.forces.mult(self._c, self._b)
-            self._b.array[:] = forces - self._b.array_r
-            self._cycle.apply(self._b, self._y)
-            blocks.slopes.mult(self._y, self._c)
-            x.array[:n] = self._y.array_r
-            x.array[n:] = blocks.multipliers(laws - self._c.array_r)
+            if self._border:
+                self._border.apply(pc.getOperators()[1], self._solve, r, x)
+            else:
+                self._solve(r, x)
             self._spent += 1
+
+    def _solve(self, r: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve for displacements and multipliers; rigid bodies rest."""
+        blocks, n = self._blocks, self._blocks.num_u
+        assert self._cycle is not None and blocks.forces is not None
+        forces, laws = r.array_r[:n], r.array_r[n + blocks.num_q :]
+        self._c.array[:] = blocks.multipliers(laws)
+        blocks.forces.mult(self._c, self._b)
+        self._b.array[:] = forces - self._b.array_r
+        self._cycle.apply(self._b, self._y)
+        blocks.slopes.mult(self._y, self._c)
+        x.array[:n] = self._y.array_r
+        x.array[n : n + blocks.num_q] = 0.0
+        x.array[n + blocks.num_q :] = blocks.multipliers(laws - self._c.array_r)
 
     def reset(self, pc: PETSc.PC) -> None:
         """Free all matrices."""
         self._blocks.destroy()
+        if self._border:
+            self._border.destroy()
         if self._cycle is not None:
             for o in (self._cycle, self._bulk, self._P, self._b, self._y, self._c):
                 o.destroy()

@@ -111,10 +111,12 @@ class Newton:
 
     def _precondition(self, pc: PETSc.PC) -> None:
         """Give the linear solver its preconditioner."""
-        displacement, *multipliers = self.unknowns
         assert self._callbacks is not None
+        displacement, *others = self.unknowns
+        motions = len(others) - len(self.terms.versions)  # one a contact
+        unknowns = (displacement, others[:motions], others[motions:])
         settings = (self._prefix, self.options, self.errors)
-        self.multigrid = Multigrid(displacement, multipliers, self._callbacks.couplings, *settings)
+        self.multigrid = Multigrid(*unknowns, self._callbacks.couplings, *settings)
         pc.setType(PETSc.PC.Type.PYTHON)
         pc.setPythonContext(self.multigrid)
 

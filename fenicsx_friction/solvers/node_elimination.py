@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..equations.blocks import Blocks, Places
+from ..equations.blocks import Blocks, Places, columns_of_laws
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -61,14 +61,15 @@ def node_blocks(
             springs are to be stiffer than the body nevertheless.
         d: Multipliers of a node.
     """
-    c, columns = places.laws
-    q, loaded = columns[:, :-d], places.levers[0].shape[1]
+    (c, columns), loaded = places.laws, places.levers[0].shape[1]
+    stencil, multipliers, _ = columns_of_laws(places, blocks)
+    q = columns[:, stencil]
     there = q >= 0
     forces = np.zeros((*q.shape, d))  # none on the rest of the stencil
     forces[:, :loaded] = np.where(there[:, :loaded, None], blocks.levers, 0.0)
-    slopes = np.where(there[:, None, :], blocks.laws[:, :, :-d], 0.0)
+    slopes = np.where(there[:, None, :], blocks.laws[:, :, stencil], 0.0)
     share = (ALONE if q.shape[1] == d else COUPLED) * softness[:, None]
-    parts = (blocks.laws[:, :, -d:], blocks.laws[:, :, :d], blocks.levers[:, :d])
+    parts = (blocks.laws[:, :, multipliers], blocks.laws[:, :, :d], blocks.levers[:, :d])
     regular = _regular(*parts, share)
     try:
         inverse = np.linalg.inv(regular)

@@ -24,23 +24,31 @@ class SaddleBlocks:
 
     Args:
         u: The displacement. No other unknown of the bulk is in the system.
+        motions: Those of rigid bodies that carry loads; not eliminated.
         multipliers: Those of all contacts.
 
     Attributes:
-        num_u, num_c: How many displacements and multipliers this rank owns.
+        num_u, num_q, num_c: How many displacements, components of motions and multipliers this rank
+            owns.
         first_row: First row of this rank.
         forces: Matrix: what multipliers do to the balance of forces.
         slopes: Matrix: what displacements do in the rows of the law.
         springs: Matrix: the balance of forces when the multipliers are eliminated, without bulk.
     """
 
-    def __init__(self, u: fem.Function, multipliers: Sequence[fem.Function]) -> None:
+    def __init__(
+        self,
+        u: fem.Function,
+        motions: Sequence[fem.Function],
+        multipliers: Sequence[fem.Function],
+    ) -> None:
         V = u.function_space
         self._comm, self._d = V.mesh.comm, V.mesh.geometry.dim
-        self.num_u, self.num_c = num_owned(u), sum(num_owned(c) for c in multipliers)
-        sizes = np.array(self._comm.allgather((self.num_u, self.num_c)))
-        self._u_sizes, self._starts = sizes[:, 0], np.cumsum([0, *sizes.sum(axis=1)])
-        self._u_starts, self._c_starts = (np.cumsum([0, *column]) for column in sizes.T)
+        self.num_u = num_owned(u)
+        self.num_q, self.num_c = (sum(map(num_owned, fs)) for fs in (motions, multipliers))
+        sizes = np.array(self._comm.allgather((self.num_u, self.num_q, self.num_c)))
+        self._before_c, self._starts = sizes[:, :2].sum(axis=1), np.cumsum([0, *sizes.sum(axis=1)])
+        self._u_starts, self._c_starts = (np.cumsum([0, *sizes[:, i]]) for i in (0, 2))
         self.first_row = int(self._starts[self._comm.rank])
         self.forces: PETSc.Mat | None = None
         self._parts: list[NodeBlocks] = []
@@ -81,10 +89,10 @@ class SaddleBlocks:
     def _allocate(self) -> None:
         """Make the matrices for the stencils of now."""
         q = [
-            self._numbered(part.q, self._u_starts, np.zeros_like(self._u_sizes))
+            self._numbered(part.q, self._u_starts, np.zeros_like(self._before_c))
             for part in self._parts
         ]
-        c = [self._numbered(part.c, self._c_starts, self._u_sizes) for part in self._parts]
+        c = [self._numbered(part.c, self._c_starts, self._before_c) for part in self._parts]
         self._own = [numbers - self._c_starts[self._comm.rank] for numbers in c]
         u_size, c_size = (self.num_u, None), (self.num_c, None)
         self.slopes = self._sparse((c_size, u_size), list(zip(c, q, strict=True)))

@@ -84,9 +84,10 @@ class Solvers:
         return self.now is self._boundary and self.relinearises
 
     def linearised_at(self) -> list[Array]:
-        """Return the unknowns of the bulk when it was condensed last."""
+        """Return the unknowns when the bulk was condensed last, but for multipliers."""
         assert self._boundary is not None
-        return self._boundary.equations.bulk.origin
+        equations = self._boundary.equations
+        return [*equations.bulk.origin, *equations.bodies.origin]
 
     def condense(self) -> float | None:
         """Condense the bulk under the loads of a step; the unknowns get their prescribed values.
@@ -97,7 +98,7 @@ class Solvers:
         bulk = self._boundary.equations.bulk
         try:
             bulk.refresh()
-            forces = bulk.begin()
+            forces = self._boundary.equations.begin()
         except (FactorFailed, PETSc.Error) as error:
             tell(self.full.comm, logging.DEBUG, "the bulk cannot be condensed: %s", error)
             bulk.discard()
