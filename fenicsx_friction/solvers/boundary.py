@@ -176,7 +176,7 @@ class BoundaryEquations:
                 for place, values in zip(p.stiff(), b.stiff(), strict=True)
             ]
             self._matrix = None  # two would take twice the memory
-            springs = self.bodies.slopes_of_all(self._components)
+            springs = gather_rows(self.comm, self.bodies.slopes, self._components)
             size = len(self._place) - 1
             self._matrix = BoundaryMatrix(self.bulk.schur, springs, parts, turning, size)
 

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from ..base.collective import gather_rows
 from ..equations.numbering import num_owned
 from ..obstacles.rigid_body import RigidBody
 
@@ -48,10 +47,6 @@ class LoadedBodies:
     def rows(self) -> Array:
         """Return the rows now, without contact (N)."""
         return self.loads + self.slopes * (self._now() - self.start)
-
-    def slopes_of_all(self, counts: npt.NDArray[np.int64]) -> Array:
-        """Return the slopes of all ranks, so many of each."""
-        return gather_rows(self.motions[0].function_space.mesh.comm, self.slopes, counts)
 
     def _now(self) -> Array:
         """Return the owned components."""
