@@ -9,6 +9,7 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from fenicsx_friction.equations import contact_terms
+from fenicsx_friction.verification import differences
 from models import by_place
 from pressed import Half
 
@@ -183,6 +184,12 @@ def test_jacobian(d, degree):
     for seed in range(2):
         report = ff.check_jacobian(model.problem, seed=seed)
         assert report.error < 1e-6, str(report)
+
+
+def test_rows_of_bodies_have_names_in_differences():
+    model = Half("names_", ball(3, name="ball"), 3, numbers=(2, 2, 1))
+    found = [differences._name_of_row(model.problem, 1, i) for i in (0, 5)]
+    assert found == ["x of rigid body 'ball'", "rz of rigid body 'ball'"]
 
 
 def test_a_missing_block_is_seen(monkeypatch):

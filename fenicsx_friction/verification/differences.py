@@ -120,7 +120,10 @@ def _block_name(problem: FrictionalContactProblem, i: int) -> str:
 
 def _name_of_row(problem: FrictionalContactProblem, i: int, row: int) -> str:
     """Say which row of block ``i`` an owned row is."""
-    V = problem.state[i].function_space
+    f, V = problem.state[i], problem.state[i].function_space
+    for body in problem.bodies:
+        if body.q is f:
+            return f"{body.names[row]} of rigid body '{body.name}'"
     node, component = divmod(row, V.dofmap.index_map_bs)
     x = V.tabulate_dof_coordinates()[node][: V.mesh.geometry.dim]
     at = ", ".join(f"{value:.6g}" for value in x)
