@@ -42,7 +42,7 @@ class Half:
             msh.geometry.x[:, :d] = place(msh.geometry.x[:, :d])
         self.u, v = fem.Function(V), ufl.TestFunction(V)
         density = {"small": ff.bulk.small_strain_energy, "finite": ff.bulk.neo_hooke_energy}[energy]
-        stored = sum(density(self.u, ff.bulk.Elastic(E, NU))) * ufl.dx
+        stored = ff.bulk.stored_energy(density(self.u, ff.bulk.Elastic(E, NU)), ufl.dx)
         F = ufl.derivative(stored, self.u, v)
         self.bodies, obstacles = bodies(msh)
         friction = ff.Coulomb(mu) if mu else ff.Frictionless()
