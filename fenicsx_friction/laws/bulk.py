@@ -108,11 +108,13 @@ def stored_energy(
             and at least 2, which gives Q1 cells the usual two Gauss points a direction.
         bbar: Integrate the volumetric part with one point a cell, which is the mean-dilatation
             (B-bar) element of Simo, Taylor and Pister (1985) on parallelogram quadrilaterals and
-            parallelepiped hexahedra, and its one-point form on distorted ones.
+            parallelepiped hexahedra, and its one-point form on distorted ones. Not for rings, where
+            one point does not integrate a uniform stress: take a mixed formulation.
         axisymmetric: Integrate over full rings, see :func:`circumference`.
 
     Raises:
-        ContactInputError: If the degree is too small: cells would deform without energy.
+        ContactInputError: If the degree is too small: cells would deform without energy; or if
+            ``bbar`` and ``axisymmetric`` are both set.
     """
     if not isinstance(density, list | tuple) or len(density) != 2:
         raise ContactInputError(
@@ -133,6 +135,11 @@ def stored_energy(
                     f"energy (hourglass modes). Leave it out, or give {exact_degree(element)}."
                 )
     if flag(axisymmetric, "axisymmetric"):
+        if bbar:
+            raise ContactInputError(
+                "bbar=True with axisymmetric=True: one point a cell does not integrate the nodal "
+                "forces of a uniform stress in rings. Take a mixed formulation."
+            )
         around = 2.0 * np.pi * _radius(_domain(deviatoric))
         deviatoric, volumetric = around * deviatoric, around * volumetric
     volumetric_dx = dx(degree=1) if bbar else dx(degree=degree)
