@@ -81,20 +81,20 @@ class Metal:
         shear = ufl.inner(s, s) / (4.0 * G) - (3.0 * G + H) / 2.0 * flow**2
         mean = p * ufl.tr(strain) - p**2 / (2.0 * K)
         self.energy = ff.bulk.stored_energy((shear, mean), ufl.dx, axisymmetric=True)
-        hardening = ff.bulk.circumference(msh) * (Y * alpha + H / 2.0 * alpha**2)
-        self.plastic_work = hardening * ufl.dx(degree=2)
-        new = plastic + flow * 1.5 / q * s, alpha + flow
-        self._new = []
-        for f, value in zip(self.history, new, strict=True):
-            V = f.function_space
-            self._new.append((fem.Function(V), fem.Expression(value, V.element.interpolation_points)))
+        spent = ff.bulk.circumference(msh) * (Y * alpha + H / 2.0 * alpha**2)
+        self.plastic_work = spent * ufl.dx(degree=2)
+        points = plastic.function_space.element.interpolation_points
+        self._new = [
+            (fem.Function(f.function_space), fem.Expression(value, points))
+            for f, value in ((plastic, plastic + flow * 1.5 / q * s), (alpha, alpha + flow))
+        ]
 
     def update(self) -> None:
         """Let the flow of the step become history."""
-        for value, expression in self._new:
-            value.interpolate(expression)
-        for f, (value, _) in zip(self.history, self._new, strict=True):
-            f.x.array[:] = value.x.array
+        for new, expression in self._new:
+            new.interpolate(expression)
+        for f, (new, _) in zip(self.history, self._new, strict=True):
+            f.x.array[:] = new.x.array
 
 
 # ## The model
@@ -133,10 +133,8 @@ def build(cells: float) -> tuple[ff.FrictionalContactProblem, Metal, ff.RigidMot
         cells: Number of cells on the radius of contact at first yield.
     """
     msh = half_plane(hertz()[1] / cells, 0.12 / cells)
-    bottom, axis, top = (
-        mesh.locate_entities_boundary(msh, 1, lambda x, side=side: side(x))
-        for side in (lambda x: x[1] < -19.0 * WIDEST, lambda x: x[0] == 0.0, lambda x: x[1] == 0.0)
-    )
+    places = (lambda x: x[1] < -19.0 * WIDEST, lambda x: x[0] == 0.0, lambda x: x[1] == 0.0)
+    bottom, axis, top = (mesh.locate_entities_boundary(msh, 1, place) for place in places)
     V, P = fem.functionspace(msh, ("Lagrange", 1, (2,))), fem.functionspace(msh, ("DG", 0))
     u, p = fem.Function(V), fem.Function(P)
     metal = Metal(u, p)
@@ -149,7 +147,7 @@ def build(cells: float) -> tuple[ff.FrictionalContactProblem, Metal, ff.RigidMot
     )
     zero = fem.Constant(msh, 0.0)
     problem = ff.FrictionalContactProblem(
-        [ufl.derivative(metal.energy, w, ufl.TestFunction(w.function_space)) for w in (u, p)],
+        [ufl.derivative(metal.energy, w) for w in (u, p)],
         [u, p],
         contact=contact,
         bcs=[
@@ -165,20 +163,21 @@ def build(cells: float) -> tuple[ff.FrictionalContactProblem, Metal, ff.RigidMot
 
 
 def depth(t: float) -> float:
-    """Return the depth of the ball (m), over that of first yield; it is withdrawn from 1 on."""
-    return 0.5 * (2.0 * DEEPEST) ** t if t < 1.0 else DEEPEST * (1.0 - 0.3 * (t - 1.0) ** 2)
+    """Return the depth of the ball (m); it is withdrawn from time 1 on."""
+    deep = 0.5 * (2.0 * DEEPEST) ** t if t < 1.0 else DEEPEST * (1.0 - 0.3 * (t - 1.0) ** 2)
+    return deep * hertz()[1] ** 2 / R
 
 
 def run(results: ff.Results, metal: Metal, motion: ff.RigidMotion) -> np.ndarray:
     """Return depth (m), force (N), radius of contact (m) and largest flow of the steps, in rows."""
-    (contact,) = results.problem.contacts
-    comm, unit = results.problem.comm, hertz()[1] ** 2 / R
+    problem = results.problem
+    (contact,) = problem.contacts
 
     def loads(t: float) -> None:
-        motion.translation.value[1] = -unit * depth(t)
+        motion.translation.value[1] = -depth(t)
 
     stepper = ff.LoadStepper(
-        results.problem,
+        problem,
         loads,
         end=2.0,
         step=1.0 / 32.0,
@@ -189,11 +188,10 @@ def run(results: ff.Results, metal: Metal, motion: ff.RigidMotion) -> np.ndarray
     )
     columns = []
     for record in stepper:
-        state = contact.nodal()
-        area = comm.allreduce(np.sum(state.area[state.states() != ff.OPEN]))
-        flowed = comm.allreduce(np.max(metal.history[1].x.array, initial=0.0), MPI.MAX)
-        force = -record.report.contacts[0].force[1]
-        columns.append((unit * depth(record.time), force, np.sqrt(area / np.pi), flowed))
+        nodal, flowed = contact.nodal(), np.max(metal.history[1].x.array, initial=0.0)
+        area = problem.comm.allreduce(np.sum(nodal.area[nodal.states() != ff.OPEN]))
+        force, a = -record.report.contacts[0].force[1], np.sqrt(area / np.pi)
+        columns.append((depth(record.time), force, a, problem.comm.allreduce(flowed, MPI.MAX)))
     return np.array(columns).T
 
 
@@ -201,27 +199,29 @@ def run(results: ff.Results, metal: Metal, motion: ff.RigidMotion) -> np.ndarray
 
 
 def draw(folder: Path, way: np.ndarray, force: np.ndarray, a: np.ndarray) -> None:
-    """Draw the mean pressure, the force, and the imprint."""
+    """Draw the mean pressure over the size of contact, the force, the imprint."""
     import matplotlib.pyplot as plt
+    from matplotlib.collections import PolyCollection
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    size, pressed = MODULUS * a / (Y * R), slice(np.argmax(way) + 1)
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14, 4), layout="constrained")
+    pressed = slice(np.argmax(way) + 1)
     pressure = force[pressed] / (np.pi * a[pressed] ** 2)
-    left.semilogx(size[pressed], pressure / Y, "o", ms=4, label="steps")
-    left.semilogx([2, 6], 4.0 / (3.0 * np.pi) * np.array([2, 6]), "--", color="0.4", label="Hertz")
-    plastic = Y + H * 0.2 * np.array([20, LARGEST]) * Y / MODULUS
-    left.semilogx([20, LARGEST], 2.8 * plastic / Y, "-", color="tab:red", label="Tabor")
+    left.semilogx(MODULUS * a[pressed] / (Y * R), pressure / Y, "o", ms=4, label="steps")
+    elastic, plastic = np.array([1.0, 6.0]), np.array([20.0, LARGEST])
+    left.semilogx(elastic, 4.0 / (3.0 * np.pi) * elastic, "--", color="0.4", label="Hertz")
+    tabor = 2.8 * (1.0 + H * 0.2 * plastic / MODULUS)
+    left.semilogx(plastic, tabor, color="tab:red", label="Tabor")
     left.set(xlabel="E* a / (Y R)", ylabel="mean pressure / Y")
     left.legend()
-    right.plot(1e6 * way, force, ".-", color="tab:blue")
-    right.set(xlabel="depth of the ball (µm)", ylabel="force (N)")
+    middle.plot(1e6 * way, force, ".-")
+    middle.set(xlabel="depth of the ball (µm)", ylabel="force (N)")
+    grid = ff.plot.fields(folder)
+    corners = (grid.points + grid["displacement"])[grid.cells.reshape(-1, 5)[:, 1:], :2]
+    cells = PolyCollection(1e3 * corners, array=grid["alpha"], edgecolor="0.3", linewidth=0.1)
+    figure.colorbar(right.add_collection(cells), label=r"plastic strain $\alpha$")
+    right.set(xlabel="r (mm)", ylabel="z (mm)", aspect="equal")
+    right.set(xlim=(0.0, 2.4e3 * WIDEST), ylim=(-2.2e3 * WIDEST, 0.1e3 * WIDEST))
     figure.savefig(folder / "indentation.png", dpi=150)
-    plotter = ff.plot.deformed(folder, factor=5.0, scalars="alpha", file=folder / "imprint.png")
-    plotter.enable_parallel_projection()
-    plotter.camera.focal_point, plotter.camera.parallel_scale = (1.2 * WIDEST, -WIDEST, 0.0), WIDEST
-    plotter.camera.position = (1.2 * WIDEST, -WIDEST, 1.0)
-    plotter.screenshot(folder / "imprint.png")
-    plotter.close()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -236,21 +236,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     last, first = int(np.argmax(way)), int(np.argmax(flowed > 0.0))
     end = slice(last - 4, last + 1)
-    pressure = np.mean(force[end] / (np.pi * a[end] ** 2) / (Y + H * 0.2 * a[end] / R))
+    tabor = np.mean(force[end] / (np.pi * a[end] ** 2) / (Y + H * 0.2 * a[end] / R))
     slope = (force[last + 1] - force[last]) / (way[last + 1] - way[last])
     work = np.trapezoid(np.append(0.0, force), np.append(0.0, way))
     forms = [fem.assemble_scalar(fem.form(f)) for f in (metal.plastic_work, metal.energy)]
-    plastic, stored = problem.comm.allreduce(np.array(forms))
+    plastic, elastic = problem.comm.allreduce(np.array(forms))
     left = problem.comm.allreduce(np.min(problem.u.x.array[1::2], initial=0.0), MPI.MIN)
     if problem.comm.rank == 0:
         friction = np.sum(ff.plot.table(given.output)["frictional_work"])
         below, above = force[first - 1 : first + 1] / hertz()[0]
         print(f"First flow between {below:.2f} and {above:.2f} of Hertz' force")
-        print(f"Mean pressure over yield stress {pressure:.2f}")
+        print(f"Mean pressure over yield stress {tabor:.2f}")
         print(f"Slope of the withdrawal over 2 E* a {slope / (2.0 * MODULUS * a[last]):.3f}")
         print(f"Imprint {-1e6 * left:.2f} of {1e6 * way[last]:.2f} µm")
         print(f"Work {1e3 * work:.3f} mJ, plastic {plastic / work:.4f}, friction "
-              f"{friction / work:.4f}, still elastic {stored / work:.4f}")  # fmt: skip
+              f"{friction / work:.4f}, still elastic {elastic / work:.4f}")  # fmt: skip
         draw(given.output, way, force, a)
 
 
