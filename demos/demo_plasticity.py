@@ -10,10 +10,10 @@
 #
 # SPDX-License-Identifier: MIT
 #
-# A step of small-strain $J_2$ plasticity with linear hardening minimises an energy. Let $s$ be the
+# A step of small-strain $J_2$ plasticity with linear hardening has an energy. Let $s$ be the
 # deviatoric stress if nothing flowed in the step, $q = \sqrt{3/2}\, |s|$, and $Y + H \alpha$ the
 # yield stress before the step. Then $\Delta\alpha = \langle q - Y - H \alpha \rangle / (3 G + H)$
-# flows, and
+# flows, and per volume
 #
 # $$
 # W = \frac{|s|^2}{4 G} - \frac{3 G + H}{2} \Delta\alpha^2
@@ -235,7 +235,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     way, force, a, flowed = run(results, metal, motion)
 
     last, first = int(np.argmax(way)), int(np.argmax(flowed > 0.0))
-    end = slice(last - 4, last + 1)
+    end = slice(last - 4, last + 1)  # the radius of contact grows by whole cells
     tabor = np.mean(force[end] / (np.pi * a[end] ** 2) / (Y + H * 0.2 * a[end] / R))
     slope = (force[last + 1] - force[last]) / (way[last + 1] - way[last])
     work = np.trapezoid(np.append(0.0, force), np.append(0.0, way))
