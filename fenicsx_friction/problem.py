@@ -22,7 +22,8 @@ class FrictionalContactProblem(ContactSystem):
 
     Args:
         F: Bulk residual in UFL (internal minus external forces) without contact terms, or a
-            sequence of blocks whose first is the momentum balance.
+            sequence of blocks whose first is the momentum balance. Blocks may contain the tractions
+            ``contact.c``, for instance in the heat of friction.
         u: Displacement, or a sequence of unknowns whose first is the displacement.
         contact: The contacts.
         bcs: Dirichlet conditions on the unknowns.

@@ -35,7 +35,6 @@ def hot_block(prefix, cell="quadrilateral"):
         contact=contact,
         bcs=[fem.dirichletbc(top, held), fem.dirichletbc(WARM, warm, W)],
         petsc_options_prefix=prefix,
-        entity_maps=[surface.entity_map],
     )
 
     def move(x, y):

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -105,6 +106,43 @@ def test_a_shrink_fit_is_pulled_out(tmp_path):
     assert all(
         (tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("pressure", "pull_out")
     )
+
+
+def test_a_ball_leaves_an_imprint_in_metal(tmp_path):
+    """Hertz up to first yield, Tabor in the end; all nodes stick as the withdrawal begins."""
+    done = run(DEMOS / "demo_plasticity.py", "--cells", 2, "--output", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    numbers = [float(found) for found in re.findall(r"(?<= )[\d.]+(?=[ ,\n])", done.stdout + "\n")]
+    below, above, pressure, _, slope, imprint, depth, work, plastic, friction, elastic = numbers
+    assert below < 1.0 < above
+    assert pressure == pytest.approx(2.8, rel=0.07)
+    # The stiffness of a flat punch that sticks, over that of one without friction (Spence, 1968).
+    sticks = np.log(3.0 - 4.0 * 0.3) * (1.0 - 0.3) / (1.0 - 2.0 * 0.3)
+    assert slope == pytest.approx(sticks, rel=0.01)
+    assert 0.75 * depth < imprint < 0.85 * depth
+    assert work > 0.0 and 0.0 < friction < 0.01 < elastic < 0.15 < plastic
+    assert plastic + friction + elastic == pytest.approx(1.0, abs=0.02)
+    assert (tmp_path / "indentation.png").stat().st_size > 10_000
+
+
+def test_a_brake_pad_gets_hot(tmp_path):
+    done = run(DEMOS / "demo_brake_pad.py", "--steps", 6, "--output", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    numbers = re.findall(r"(?<= )\d[\d.e+-]*(?=[ ,;\n])", done.stdout)
+    pressure, hot, *errors = map(float, numbers[:4])
+    # The column: what flows through plate, pad and gap; pressure of the pushed and heated pad.
+    flow = 3e-4 * 1e6 * pressure * (hot - 293.0)
+    assert 393.0 - flow * (1.0 / 500.0 + 12e-3 / 2.0) == pytest.approx(hot, abs=0.01)
+    mean = hot + flow * 12e-3 / 2.0 / 2.0
+    stress = 1.2e9 * 20e-6 / 12e-3 + 2e9 * 10e-6 * (mean - 293.0)  # E = 1e9, nu = 0.25
+    assert 1e6 * pressure == pytest.approx(stress, rel=1e-4)
+    assert max(errors) < 1e-12
+    before, after, heat, stored, plate, disc, unbalanced = map(float, numbers[4:])
+    assert 0.3 < after < before < 0.4
+    assert min(stored, plate, disc) > 0.0
+    assert stored + plate + disc == pytest.approx(heat, abs=0.2)
+    assert unbalanced < 1e-9
+    assert (tmp_path / "brake_pad.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(

@@ -223,6 +223,7 @@ ROWS = [
     ("degree string", lambda s: w.stress(s, "2"), "degree = '2' must be an integer"),
     ("degree negative", lambda s: w.stress(s, -1), "degree = -1 must be >= 0"),
     ("degree too small", lambda s: w.quadrilateral_energy(1), "degree = 1 is too small"),
+    ("bbar of rings", lambda s: ff.bulk.stored_energy(s.density, ufl.dx, bbar=True, axisymmetric=True), "Take a mixed"),
     ("bbar string", lambda s: ff.bulk.stored_energy(s.density, ufl.dx, bbar="no"), "bbar = 'no'"),
     # what is made of a problem
     ("audit problem", lambda s: ff.EnergyAudit(None, s.energy), "problem = None is None; give a Frict"),

@@ -66,6 +66,7 @@ def check_problem(
     if len({id(u) for u in unknowns}) != len(unknowns):
         raise ContactInputError("An unknown is given twice in u.")
     check_displacement(unknowns[0])
+    maps += [k.surface.entity_map for k in contacts]
     for block, unknown in zip(blocks, unknowns, strict=True):
         _check_residual(block, unknown, maps)
     if unknowns[0] not in blocks[0].coefficients():

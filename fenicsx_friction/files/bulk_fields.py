@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Fields of the bulk that files can hold: the displacement, and what the user asks for."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import basix.ufl
 import numpy as np
 from dolfinx import fem
+from ufl.algorithms import extract_coefficients
 from ufl.core.expr import Expr
 
 from ..base.compilation import compiled
@@ -23,7 +24,8 @@ class BulkFields:
 
     Files of ParaView hold Lagrange fields of one degree, and constants of the cells. The degree is
     that of displacement or cells, the larger. A bubble is left out. Other fields than Lagrange ones
-    of this degree are evaluated at the midpoints of the cells.
+    of this degree are evaluated at the midpoints of the cells. What contains Functions that have
+    values at quadrature points only, such as a plastic strain, is averaged over these in each cell.
 
     Args:
         problem: The problem.
@@ -61,23 +63,39 @@ class BulkFields:
     def update(self) -> None:
         """Take the present values; collective."""
         self.displacement.interpolate(self._u)
-        for function, source in self._made:
-            if isinstance(source, fem.Function):
-                function.x.array[:] = source.x.array
-            else:
-                function.interpolate(source)
+        for function, fill in self._made:
+            fill()
             function.x.scatter_forward()
 
     def _field(
         self, problem: FrictionalContactProblem, name: str, expression: Expr
-    ) -> tuple[fem.Function, fem.Function | fem.Expression]:
-        """Return a Function for a field, and what it is filled from."""
-        msh = self._u.function_space.mesh
-        if isinstance(expression, fem.Function):
+    ) -> tuple[fem.Function, Callable[[], None]]:
+        """Return a Function for a field, and what fills it."""
+        msh, rule = self._u.function_space.mesh, _quadrature(expression)
+        if isinstance(expression, fem.Function) and rule is None:
             V = expression.function_space
             if V.element.basix_element == self.displacement.function_space.element.basix_element:
-                return fem.Function(V, name=name), expression
+                function, values = fem.Function(V, name=name), expression.x
+                return function, lambda: np.copyto(function.x.array, values.array)
         V = fem.functionspace(msh, ("DG", 0, expression.ufl_shape))
         function = fem.Function(V, name=name)
-        points = V.element.interpolation_points
-        return function, compiled(fem.Expression, problem.comm)(expression, np.asarray(points))
+        points = V.element.interpolation_points if rule is None else rule[0]
+        made = compiled(fem.Expression, problem.comm)(expression, np.asarray(points))
+        if rule is None:
+            return function, lambda: function.interpolate(made)
+        cells, weights = np.arange(len(V.dofmap.list), dtype=np.int32), rule[1] / np.sum(rule[1])
+
+        def average() -> None:
+            values = made.eval(msh, cells).reshape(len(cells), len(weights), V.dofmap.bs)
+            function.x.array.reshape(-1, V.dofmap.bs)[V.dofmap.list[:, 0]] = np.einsum(
+                "cqi,q->ci", values, weights
+            )
+
+        return function, average
+
+
+def _quadrature(expression: Expr) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return points and weights of the quadrature elements in an expression, if there are any."""
+    elements = [f.ufl_element() for f in extract_coefficients(expression)]
+    rules = [e.custom_quadrature() for e in elements if e.has_custom_quadrature]
+    return rules[0] if rules else None

@@ -15,7 +15,7 @@ from ufl.domain import extract_domains
 
 from ..base.errors import ContactInputError
 from ..base.validators import flag, instance, integer, number, shown
-from .quadrature import deforms_freely, exact_degree, strained_elements
+from .quadrature import Element, deforms_freely, exact_degree, strained_elements
 
 
 @dataclass(frozen=True)
@@ -108,11 +108,13 @@ def stored_energy(
             and at least 2, which gives Q1 cells the usual two Gauss points a direction.
         bbar: Integrate the volumetric part with one point a cell, which is the mean-dilatation
             (B-bar) element of Simo, Taylor and Pister (1985) on parallelogram quadrilaterals and
-            parallelepiped hexahedra, and its one-point form on distorted ones.
+            parallelepiped hexahedra, and its one-point form on distorted ones. Not for rings, where
+            one point does not integrate a uniform stress: take a mixed formulation.
         axisymmetric: Integrate over full rings, see :func:`circumference`.
 
     Raises:
-        ContactInputError: If the degree is too small: cells would deform without energy.
+        ContactInputError: If the degree is too small: cells would deform without energy; or if
+            ``bbar`` and ``axisymmetric`` are both set.
     """
     if not isinstance(density, list | tuple) or len(density) != 2:
         raise ContactInputError(
@@ -122,21 +124,31 @@ def stored_energy(
     instance(dx, ufl.Measure, "dx", "a measure of the cells such as ufl.dx")
     flag(bbar, "bbar")
     deviatoric, volumetric = (_scalar_density(part) for part in density)
-    elements = strained_elements(deviatoric + volumetric)
-    if degree is None:
-        degree = max([exact_degree(element) for element in elements], default=2)
-    elif integer(degree, "degree", at_least=0) >= 0:
-        for element in elements:
-            if deforms_freely(element, degree):
-                raise ContactInputError(
-                    f"degree = {degree} is too small for {element}: its cells could deform without "
-                    f"energy (hourglass modes). Leave it out, or give {exact_degree(element)}."
-                )
+    degree = _stiff_degree(strained_elements(deviatoric + volumetric), degree)
     if flag(axisymmetric, "axisymmetric"):
+        if bbar:
+            raise ContactInputError(
+                "bbar=True with axisymmetric=True: one point a cell does not integrate the nodal "
+                "forces of a uniform stress in rings. Take a mixed formulation."
+            )
         around = 2.0 * np.pi * _radius(_domain(deviatoric))
         deviatoric, volumetric = around * deviatoric, around * volumetric
     volumetric_dx = dx(degree=1) if bbar else dx(degree=degree)
     return deviatoric * dx(degree=degree) + volumetric * volumetric_dx
+
+
+def _stiff_degree(elements: list[Element], degree: int | None) -> int:
+    """Return the degree of quadrature, by default the least; raise if it is too small."""
+    if degree is None:
+        return max([exact_degree(element) for element in elements], default=2)
+    integer(degree, "degree", at_least=0)
+    for element in elements:
+        if deforms_freely(element, degree):
+            raise ContactInputError(
+                f"degree = {degree} is too small for {element}: its cells could deform without "
+                f"energy (hourglass modes). Leave it out, or give {exact_degree(element)}."
+            )
+    return degree
 
 
 def circumference(msh: mesh.Mesh) -> Expr:
