@@ -2,12 +2,15 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+import fenicsx_friction as ff
 
 DEMOS = Path(__file__).parents[1] / "demos"
 RAOUS = DEMOS / "demo_raous_rectangle.py"
@@ -105,6 +108,72 @@ def test_a_shrink_fit_is_pulled_out(tmp_path):
     assert all(
         (tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("pressure", "pull_out")
     )
+
+
+def test_a_seal_is_squeezed_as_lindley_and_hertz_say(tmp_path):
+    """Taylor-Hood, and B-bar beside it: the same forces, nearly the same volume."""
+    tables = {}
+    for element, size in (("taylor-hood", 0.2e-3), ("bbar", 0.25e-3)):
+        folder, options = tmp_path / element, ("--element", element, "--size", size)
+        done = run(DEMOS / "demo_seal.py", *options, "--output", folder)
+        assert done.returncode == 0, done.stdout + done.stderr
+        changes = [float(line.split()[-1]) for line in done.stdout.splitlines() if "volume" in line]
+        assert all(-2e-3 < change < 0.0 for change in changes)  # pressed, K = 167 E
+        table = rows(folder / "forces.csv")
+        tables[element] = {k: np.array([float(row[k]) for row in table]) for k in table[0]}
+    mixed, other = tables.values()
+    c = mixed["squeeze"]
+    for case in ("plates", "groove"):
+        assert mixed[case][c > 0.09] == pytest.approx(other[case][c > 0.09], rel=0.02)
+    lindley = 1.25 * c**1.5 + 50.0 * c**6
+    usual = (c > 0.14) & (c < 0.26)
+    assert mixed["plates"][usual] == pytest.approx(lindley[usual], rel=0.05)
+    # Held by friction: plane strain. A little squeezed, a cylinder between flat plates (Johnson).
+    strain = 1.0 - 0.499**2
+    assert mixed["groove"][usual] * strain == pytest.approx(lindley[usual], rel=0.05)
+    assert mixed["groove"][-1] * strain > 1.1 * lindley[-1]  # the wall is met
+    force = mixed["groove"][0]
+    width = np.sqrt(2.0 * force * strain / np.pi)
+    approach = 4.0 * force * strain / np.pi * (np.log(2.0 / width) - 0.5)
+    assert approach == pytest.approx(c[0], rel=0.03)
+    pictures = ("taylor-hood/forces.png", "taylor-hood/groove.png", "bbar/groove.png")
+    assert all((tmp_path / name).stat().st_size > 10_000 for name in pictures)
+
+
+def test_a_strip_is_drawn_over_a_die_and_springs_back(tmp_path):
+    done = run(DEMOS / "demo_forming.py", "--output", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    numbers = [float(word) for word in re.findall(r"\d+\.\d+", done.stdout)]
+    (down, angle, _), (up, turned, _), (lost, dissipated) = numbers[:3], numbers[3:6], numbers[6:]
+    belt = 0.3 * np.radians([angle, -turned]) * 5.0 / 5.2
+    assert np.log([down, up]) == pytest.approx(belt, rel=0.01)
+    assert lost == pytest.approx(dissipated, rel=0.01)
+    table = rows(tmp_path / "contacts.csv")
+    die, punch = (
+        np.array([[float(row[f"force_{x}"]) for x in "xy"] for row in table if row["contact"] == k])
+        for k in ("die", "punch")
+    )
+    assert abs(die[24, 1] + punch[24, 1]) < 0.01 * die[24, 1]  # the gripper carries the rest
+    assert np.max(abs(die[-1])) < 1e-9 * die[24, 1]
+    start, end = (ff.plot.fields(tmp_path, "bulk", step)["displacement"] for step in (0, -1))
+    assert np.max(abs(end - start)) < 1e-9 * 12e-3  # back where it was
+    assert all((tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("loop", "strip"))
+
+
+@pytest.mark.parametrize("mu", ["0", "0.5"])
+def test_axisymmetric_spheres_are_near_the_limit(mu, tmp_path):
+    """Past both snaps, on a mesh two thirds as fine as that of the demo."""
+    done = run(DEMOS / "demo_axisymmetric_spheres.py", "--mu", mu, "--along", 40, "--step", 0.25,
+               "--end", 9, "--output", tmp_path)  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    table = rows(tmp_path / "force.csv")
+    assert max(float(row["certificate"]) for row in table) < 1e-9
+    u, force = (np.array([float(r[key]) for r in table]) for key in ("displacement_mm", "force_N"))
+    lines = (DEMOS / "data" / "concentric_spheres_limit.csv").read_text().splitlines()[1:]
+    limit = {float(r["u_mm"]): r[f"mu{mu.replace('.', '')}"] for r in csv.DictReader(lines)}
+    for place in (2.0, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0, 8.5, 9.0):
+        assert np.interp(place, u, force) == pytest.approx(float(limit[place]), rel=0.03)
+    assert all((tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("force", "shapes"))
 
 
 @pytest.mark.parametrize(
