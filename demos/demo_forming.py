@@ -53,7 +53,7 @@ DEPTH, STEPS = 12e-3, 24  # m, - each way
 #
 # One layer of Q2 cells bends without locking; contact is at all of their nodes. A thin strip gives
 # way by bending, far more easily than its thickness does. So `r_p`, which turns gaps into tractions
-# on the way to the solution, is smaller than the default: it halves the iterations of fine meshes.
+# on the way to the solution, is smaller than the default: less than half the iterations.
 
 
 def build(cells: int) -> tuple[ff.FrictionalContactProblem, ff.RigidMotion]:
