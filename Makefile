@@ -18,11 +18,12 @@ test:  ## everything CI checks: style, types, tests, tests on two ranks
 	$(RUN) make check RUN=
 
 check: lint  # inside the environment; only a test that hangs has a limit, in pyproject.toml
-	$(PYTEST) -n 2 --dist worksteal
+	$(PYTEST) -n 2 --dist worksteal -m "not weekly"
 	python3 benchmarks/counts.py
 	$(RANKS) -n 2 $(PYTEST) -p no:xdist -m mpi
 
-weekly:  ## what takes longer: three ranks, random problems against the exact solver
+weekly:  ## what takes longer: long demos, three ranks, random problems against the exact solver
+	$(RUN) $(PYTEST) -m weekly
 	$(RUN) $(RANKS) --oversubscribe -n 3 $(PYTEST) -p no:xdist -m mpi
 	$(RUN) python3 benchmarks/random_suite.py
 

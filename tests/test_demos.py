@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import fenicsx_friction as ff
+
 DEMOS = Path(__file__).parents[1] / "demos"
 RAOUS = DEMOS / "demo_raous_rectangle.py"
 
@@ -143,6 +145,77 @@ def test_a_brake_pad_gets_hot(tmp_path):
     assert stored + plate + disc == pytest.approx(heat, abs=0.2)
     assert unbalanced < 1e-9
     assert (tmp_path / "brake_pad.png").stat().st_size > 10_000
+
+
+def seal(element, size, folder):
+    """Return the forces on a seal."""
+    done = run(DEMOS / "demo_seal.py", "--element", element, "--size", size, "--output", folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    changes = [float(line.split()[-1]) for line in done.stdout.splitlines() if "volume" in line]
+    assert len(changes) == 2 and all(-2e-3 < v < 0.0 for v in changes)  # pressed, K = 167 E
+    table = rows(folder / "forces.csv")
+    assert all((folder / f"{name}.png").stat().st_size > 10_000 for name in ("forces", "groove"))
+    return {k: np.array([float(row[k]) for row in table]) for k in table[0]}
+
+
+@pytest.mark.weekly
+def test_a_seal_has_the_same_forces_with_bbar(tmp_path):
+    mixed, other = seal("taylor-hood", 0.2e-3, tmp_path), seal("bbar", 0.25e-3, tmp_path / "bbar")
+    c = mixed["squeeze"]
+    for case in ("plates", "groove"):
+        assert mixed[case][c > 0.09] == pytest.approx(other[case][c > 0.09], rel=0.02)
+
+
+def test_a_seal_is_squeezed_as_lindley_and_hertz_say(tmp_path):
+    mixed = seal("taylor-hood", 0.2e-3, tmp_path)
+    c = mixed["squeeze"]
+    lindley = 1.25 * c**1.5 + 50.0 * c**6
+    usual = (c > 0.14) & (c < 0.26)
+    assert mixed["plates"][usual] == pytest.approx(lindley[usual], rel=0.05)
+    # Held by friction: plane strain. A little squeezed, a cylinder between flat plates (Johnson).
+    strain = 1.0 - 0.499**2
+    assert mixed["groove"][usual] * strain == pytest.approx(lindley[usual], rel=0.05)
+    assert mixed["groove"][-1] * strain > 1.1 * lindley[-1]  # the wall is met
+    force = mixed["groove"][0]
+    width = np.sqrt(2.0 * force * strain / np.pi)
+    approach = 4.0 * force * strain / np.pi * (np.log(2.0 / width) - 0.5)
+    assert approach == pytest.approx(c[0], rel=0.03)
+
+
+def test_a_strip_is_drawn_over_a_die_and_springs_back(tmp_path):
+    done = run(DEMOS / "demo_forming.py", "--output", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    numbers = [float(word) for word in re.findall(r"\d+\.\d+", done.stdout)]
+    (down, angle, _), (up, turned, _), (lost, dissipated) = numbers[:3], numbers[3:6], numbers[6:]
+    belt = 0.3 * np.radians([angle, -turned]) * 5.0 / 5.2
+    assert np.log([down, up]) == pytest.approx(belt, rel=0.01)
+    assert lost == pytest.approx(dissipated, rel=0.01)
+    table = rows(tmp_path / "contacts.csv")
+    die, punch = (
+        np.array([[float(row[f"force_{x}"]) for x in "xy"] for row in table if row["contact"] == k])
+        for k in ("die", "punch")
+    )
+    assert abs(die[24, 1] + punch[24, 1]) < 0.01 * die[24, 1]  # the gripper carries the rest
+    assert np.max(abs(die[-1])) < 1e-9 * die[24, 1]
+    start, end = (ff.plot.fields(tmp_path, "bulk", step)["displacement"] for step in (0, -1))
+    assert np.max(abs(end - start)) < 1e-9 * 12e-3  # back where it was
+    assert all((tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("loop", "strip"))
+
+
+@pytest.mark.parametrize("mu", ["0", pytest.param("0.5", marks=pytest.mark.weekly)])
+def test_axisymmetric_spheres_are_near_the_limit(mu, tmp_path):
+    """Past both snaps, on a mesh two thirds as fine as that of the demo."""
+    done = run(DEMOS / "demo_axisymmetric_spheres.py", "--mu", mu, "--along", 40, "--step", 0.25,
+               "--end", 9, "--output", tmp_path)  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    table = rows(tmp_path / "force.csv")
+    assert max(float(row["certificate"]) for row in table) < 1e-9
+    u, force = (np.array([float(r[key]) for r in table]) for key in ("displacement_mm", "force_N"))
+    lines = (DEMOS / "data" / "concentric_spheres_limit.csv").read_text().splitlines()[1:]
+    limit = {float(r["u_mm"]): r[f"mu{mu.replace('.', '')}"] for r in csv.DictReader(lines)}
+    for place in (2.0, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0, 8.5, 9.0):
+        assert np.interp(place, u, force) == pytest.approx(float(limit[place]), rel=0.03)
+    assert all((tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("force", "shapes"))
 
 
 @pytest.mark.parametrize(

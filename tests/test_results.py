@@ -219,9 +219,9 @@ def test_a_new_run_begins_anew(folder):
     for _ in range(2):
         results = ff.Results(model.problem, folder)
         model.problem.num_steps = 0
-        for k in range(2):
-            model.load(0.5 * k, 1.0)
-            results.write(k, model.problem.solve())
+        for time in (0, np.float64(1.0)):  # numbers of any kind
+            model.load(0.5 * time, 1.0)
+            results.write(time, model.problem.solve())
     on_first(lambda: check_two_steps(folder))
 
 

@@ -95,7 +95,7 @@ class Results:
         Raises:
             ContactInputError: On all ranks, if no step was accepted, or a file cannot be written.
         """
-        number(time, "time")
+        time = number(time, "time")
         instance(report, StepReport, "report", "the StepReport of the last accepted step")
         if not self._started:
             for table in self._tables:
@@ -146,7 +146,7 @@ def _columns_of_bodies(d: int) -> list[str]:
 def _row_of_body(time: float, report: StepReport, body: BodyReport) -> list[object]:
     """Return the row of a rigid body in a step."""
     values = (*body.translation, *body.rotation, *body.force, *body.moment)
-    return [report.step, float(time), body.name, *values]
+    return [report.step, time, body.name, *values]
 
 
 def _row(
@@ -157,7 +157,7 @@ def _row(
     if energy is not None:
         energies = [energy.external_work, energy.stored, energy.dissipation, energy.defect]
     return [
-        *(report.step, float(time), contact.name, contact.open, contact.stick, contact.slip),
+        *(report.step, time, contact.name, contact.open, contact.stick, contact.slip),
         *contact.force,
         *contact.moment,
         *(contact.dissipation, contact.penetration, report.iterations),
