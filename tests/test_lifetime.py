@@ -3,13 +3,17 @@
 import gc
 import weakref
 
+from mpi4py import MPI
+
 import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
 from fenicsx_friction.laws import rows
+from fenicsx_friction.loading import relaxation
 from fenicsx_friction.solvers import condensing, newton
 from models import raous
+from test_relaxation import arch, path
 
 
 @pytest.fixture
@@ -73,4 +77,21 @@ def test_pairs_keep_nothing(alive):
     model.problem.solve()
     assert any(alive())
     del model
+    assert not any(alive())
+
+
+@pytest.mark.parametrize("most", [100, 1])
+def test_relaxation_keeps_nothing(alive, most, monkeypatch):
+    """Neither one that finds the next equilibrium after failed increments, nor one that fails."""
+    monkeypatch.setattr(relaxation, "MAX_INCREMENTS", most)
+
+    def snap():
+        problem, _, _, creep, loads = arch(MPI.COMM_WORLD, "lifetime_snap_", 0.2)
+        try:
+            return sum(record.relaxed for record in path(loads, problem, relaxation=creep))
+        except ff.StepFailed:
+            return -1
+
+    assert (snap() > 0) == (most > 1)
+    assert alive()
     assert not any(alive())

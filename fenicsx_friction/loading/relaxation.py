@@ -114,7 +114,7 @@ class ViscousRelaxation:
                 share = left / (increments + 2)
                 self._solve(problem, eta, share)
             except StepFailed as error:
-                failure, eta = error, eta * MORE
+                failure, eta = error.with_traceback(None), eta * MORE
                 if eta > MOST * unit:
                     break
                 continue
@@ -125,12 +125,15 @@ class ViscousRelaxation:
             try:
                 report = self._solve(problem, 0.0, left)
             except StepFailed as error:
-                failure = error
+                failure = error.with_traceback(None)
                 continue
             accepted()
             return report, increments + 1
         assert failure is not None
-        raise failure
+        try:
+            raise failure
+        finally:
+            del failure  # its traceback holds this frame, which must not hold it
 
     def _solve(self, problem: FrictionalContactProblem, eta: float, dt: float) -> StepReport:
         """Make one increment of length ``dt`` with damping ``eta``; then set it to zero."""
