@@ -17,10 +17,11 @@ demo:  ## the first demo: Raous' rectangle with friction
 test:  ## everything CI checks: style, types, tests, tests on two ranks
 	$(RUN) make check RUN=
 
-check: lint  # inside the environment; only a test that hangs has a limit, in pyproject.toml
+check: lint  # inside the environment; only a test that hangs has a limit, in pyproject.toml. On two ranks
+# four variations of a test are enough: they differ in what a rank does alone; `make weekly` has all.
 	$(PYTEST) -n 2 --dist worksteal -m "not weekly"
 	python3 benchmarks/counts.py
-	$(RANKS) -n 2 $(PYTEST) -p no:xdist -m mpi
+	$(RANKS) -n 2 $(PYTEST) -p no:xdist -m mpi --variations 4
 
 weekly:  ## what takes longer: long demos, three ranks, random problems against the exact solver
 	$(RUN) $(PYTEST) -m weekly

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import hypothesis
+import numpy as np
 import pytest
 
 # Examples must be the same on every rank; compiling a form takes longer than any deadline.
@@ -27,6 +28,32 @@ FAILURE = pytest.StashKey[str]()
 
 # Apart from COMM_WORLD, so that waiting never matches a collective call inside a test.
 _meeting = MPI.COMM_WORLD.Dup()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add an option of these tests."""
+    text = (
+        "run at most so many variations of a test, evenly chosen, the first and the last with them"
+    )
+    parser.addoption("--variations", type=int, help=text)
+
+
+@pytest.hookimpl(trylast=True)  # after the marks have chosen
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave variations out, if asked to."""
+    most = config.getoption("variations")
+    if not most:
+        return
+    variations: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        variations.setdefault(item.nodeid.split("[")[0], []).append(item)
+    chosen = {
+        item
+        for found in variations.values()
+        for item in (found[i] for i in np.linspace(0, len(found) - 1, most).round().astype(int))
+    }
+    config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
+    items[:] = [item for item in items if item in chosen]
 
 
 @pytest.fixture
