@@ -10,7 +10,6 @@ from dolfinx import fem, mesh
 import fenicsx_friction as ff
 from fenicsx_friction.equations import contact_terms
 from fenicsx_friction.verification import differences
-from models import by_place
 from pressed import Half
 
 
@@ -57,52 +56,6 @@ def test_pressing_by_force_equals_pressing_by_displacement(d, degree, nodes):
         assert np.allclose(found.translation, there.bodies[0].translation, atol=1e-9)
         a, b = loaded.u.x.array, given.u.x.array
         assert np.max(abs(a - b), initial=0.0) < 1e-9 * 0.05
-
-
-def dragged_on(name, bodies, d, free, **options):
-    """Press with given values, then by forces: states, positions, the solvers at work."""
-    model, found, solvers = Half(name, bodies, d, **options), [], set()
-    model.body.given.value[d - 1] = -0.03
-    force = -np.array(model.problem.solve().bodies[0].force)
-    model.body.free = free
-    for pressed, pushed in ((1.0, 0.0), (1.3, 0.1), (1.3, -0.05)):
-        model.body.force.value[:] = pressed * force
-        model.body.force.value[0] = pushed * force[d - 1]
-        report = model.problem.solve()
-        assert report.certified
-        solvers |= {(report.solver, report.linear_solver)}
-        body = report.bodies[0]
-        found += [by_place(model.u).ravel(), np.array([*body.translation, *body.rotation])]
-    return found, solvers
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("energy", ["small", "finite"])
-@pytest.mark.parametrize(
-    ("obstacle", "d", "degree", "free"),
-    [
-        (ball, 2, 1, ("x", "y")),
-        (ball, 2, 2, ("x", "y")),
-        (platen, 2, 1, ("x", "y", "rz")),
-        (ball, 3, 1, ("x", "z")),
-        (platen, 3, 1, ("x", "z", "rx", "ry")),
-    ],
-)
-def test_all_solvers_have_the_same_answer(obstacle, d, degree, free, energy):
-    """The whole system factored, by multigrid, and condensed on the contact and the body."""
-    ways = {"direct": ("full", "direct"), "condensed": ("condensed", "direct")}
-    if d == 3:
-        ways["multigrid"] = ("full", "multigrid")
-    found = {}
-    for name, (solver, linear) in ways.items():
-        options = {"settings": ff.StepSettings(solver=solver), "linear_solver": linear}
-        options |= {"degree": degree, "energy": energy, "mu": 0.4}
-        bodies = platen if obstacle is platen else ball(d)
-        found[name], used = dragged_on(f"{name}_{d}{degree}{energy}_", bodies, d, free, **options)
-        assert used == {(solver, linear)}
-    for values in found.values():
-        for a, b in zip(values, found["direct"], strict=True):
-            assert np.max(abs(a - b), initial=0.0) < 1e-9 * np.max(abs(b), initial=1e-3)
 
 
 @pytest.mark.mpi

@@ -37,7 +37,7 @@ class BodyEquation:
         row_factors: The rows need none.
     """
 
-    AT_START = ("_before",)
+    AT_START = ("_before", "_moved")
     linked, unit, number = True, 1.0, 1
 
     def __init__(self, body: RigidBody, contacts: Sequence[Contact]) -> None:
@@ -45,11 +45,12 @@ class BodyEquation:
         self.body = np.zeros(num_owned(body.q), dtype=np.int64)
         self.slope = self.row_factors = np.ones(len(self.body))
         self._before: Array = np.zeros(1)
+        self._moved = 0.0
 
     def begin(self) -> None:
         """Begin a step under new loads."""
         self._body.begin()
-        self._before = self._forces()
+        self._before, self._moved = self._forces(), self._motion()
 
     def find_noise(self, errors: Array) -> None:
         """Nothing to do: forces of contact carry little rounding."""
@@ -61,9 +62,14 @@ class BodyEquation:
             bodies: Scales of the forces of the deformable bodies.
         """
         nothing, forces = np.zeros(1), self._forces()
-        hidden = DIGITS * forces
-        lenient = np.ones(1, dtype=bool)
-        return Scales(forces, self._before, hidden, nothing, nothing, nothing, lenient)
+        hidden = DIGITS * np.maximum(forces, self._before)
+        length = np.array([DIGITS * max(self._moved, self._motion())])
+        strict = np.zeros(1, dtype=bool)
+        return Scales(forces, self._before, hidden, nothing, length, nothing, strict)
+
+    def _motion(self) -> float:
+        """Return the largest component of the motion (m), rotations times the length."""
+        return float(np.max(abs(self._body.q.x.array / self._body.unit)))
 
     def _forces(self) -> Array:
         """Return the largest of the loads and the sums of the sizes of nodal forces (N)."""
@@ -114,6 +120,12 @@ def check_held(body: RigidBody, contacts: Sequence[Contact]) -> None:
             f"{', '.join(names)}. Bring it into contact first, with given values (body.free = (), "
             "body.given), or give it springs."
         )
+
+
+def loads_of(contacts: Sequence[Contact]) -> Array:
+    """Return the largest load of the rigid body that each contact meets (N), zero without one."""
+    bodies = [k.pairing.body for k in contacts]
+    return np.array([0.0 if body is None else body.loads() for body in bodies])
 
 
 def bodies_of(contacts: Sequence[Contact]) -> list[RigidBody]:

@@ -17,7 +17,7 @@ from ..contact.bonds import at_bonds
 from ..contact.contact import Contact
 from ..surfaces.cells import extent, extreme_sizes
 from .bodies import link_bodies, number_bodies
-from .body_equation import BodyEquation, bodies_of
+from .body_equation import BodyEquation, bodies_of, loads_of
 from .boundary_measure import BoundaryMeasure
 from .conditions import with_conditions
 from .contact_terms import ContactTerms
@@ -59,8 +59,8 @@ class ForceScales:
 
     #: What :meth:`begin` and :meth:`find_noise` set: arrays that are replaced, never changed.
     AT_START = (
-        *("_forces", "_tractions", "_coordinates", "_given", "_length", "_values", "_noise"),
-        "_resting",
+        *("_forces", "_tractions", "_coordinates", "_resting"),
+        *("_given", "_length", "_values", "_noise"),
     )
 
     def __init__(
@@ -76,10 +76,9 @@ class ForceScales:
     ) -> None:
         self._unknowns, self._contacts, self._bcs = list(unknowns), contacts, bcs
         self._u, self._terms, V = unknowns[0], terms, unknowns[0].function_space
-        self._momentum, self._residuals = momentum, residuals
-        self._comm, self._equations = V.mesh.comm, equations
+        self._momentum, self._residuals, self._equations = momentum, residuals, equations
         self._measured: list[ForceScales | FurtherEquation | BodyEquation] = [self, *equations]
-        self.number, body = number_bodies(V)
+        self._comm, (self.number, body) = V.mesh.comm, number_bodies(V)
         self._stiffness = abs(stiffness)
         self._bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]
         self.surfaces = [Groups(bodies, self.number) for bodies in self._bodies]
@@ -113,7 +112,8 @@ class ForceScales:
         there = [
             np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs))) for f in self._unknowns
         ]
-        given = self._over_ranks(self._all.largest(there[0][: len(self._stiffness)]))
+        given = self._all.largest(there[0][: len(self._stiffness)])
+        given = np.maximum(self._over_ranks(given), DIGITS * self._size[1])  # less is nothing
         # Bodies that meet share the rounding of their forces and displacements.
         noise = DIGITS * np.stack([self._stiffest * given, given])
         linked = [np.max(noise[:, self._linked == part], axis=1) for part in self._linked]
@@ -213,10 +213,11 @@ class ForceScales:
         ]
         unresolved, each = DIGITS * self._by_contact(rounded), len(self._contacts)
         bonded = np.where(self._resting > 0.0, unresolved, 0.0)  # slips of bonds are rounding
-        faint = FAINT * np.tile(np.maximum(forces, self._forces), each) * self._per_area
+        loads = np.tile(np.maximum(forces, self._forces), each)
+        faint = np.maximum(loads, np.repeat(loads_of(self._contacts), self.number)) * self._per_area
         contacts = Scales(
             tractions,
-            np.maximum(self._tractions, faint),
+            np.maximum(self._tractions, FAINT * faint),
             unresolved,
             np.maximum(np.tile(self._given, each) * self._per_area, bonded),
             np.maximum(np.tile(self._length, each), self._resting),

@@ -18,7 +18,7 @@ from ..base.errors import ContactInputError
 from ..base.validators import shown, text, vector
 from ..surfaces.cells import extent
 from .motion import Motion
-from .rotations import cross_matrix, nearest, turned_by, turned_in_plane
+from .rotations import cayley_vector, cross_matrix, turned_by, turned_in_plane
 
 Array = npt.NDArray[np.floating]
 
@@ -55,9 +55,9 @@ class RigidBody(Motion):
         force: Force at the center (N; per unit depth in 2D), which moves with the body: a Constant.
         moment: Moment about the center (N m): a Constant, one component in 2D.
         given: Translation (m) and rotation (rad) of components that are not free: a Constant.
-        spring: As given: a Constant.
-        name: As given.
+        spring, name: As given; the springs are a Constant.
         length: By which moments become forces (m).
+        unit: What makes forces of the rows: one, and one over the length for moments.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class RigidBody(Motion):
         self._old_turned = fem.Constant(msh, np.zeros((d, d)))
         self._mask, self._stiffness = (fem.Constant(msh, np.ones(n)) for _ in range(2))
         self.length = extent(msh)
-        self._unit = np.array([1.0] * d + [1.0 / self.length] * (n - d))  # makes forces of rows
+        self.unit = np.array([1.0] * d + [1.0 / self.length] * (n - d))
         self.free = free
         if spring is not None:
             self.spring.value[:] = self._checked(spring)
@@ -150,7 +150,7 @@ class RigidBody(Motion):
         dx = ufl.dx(domain=msh, metadata={"quadrature_degree": 2})
         volume = compiled(fem.form, msh.comm)(fem.Constant(msh, 1.0) * dx)
         share = fem.Constant(msh, 1.0 / msh.comm.allreduce(fem.assemble_scalar(volume)))
-        unit = fem.Constant(msh, self._unit)
+        unit = fem.Constant(msh, self.unit)
         loads = [self.force[i] for i in range(d)] + [self.moment[i] for i in range(n - d)]
         rows = []
         for i in range(n):
@@ -161,13 +161,18 @@ class RigidBody(Motion):
 
     def slopes(self) -> Array:
         """Return the derivatives of the rows of :meth:`residual`, each by its own component."""
-        return np.where(self.released, self._unit * self.spring.value, self._stiffness.value)
+        return np.where(self.released, self.unit * self.spring.value, self._stiffness.value)
 
     def loads(self) -> float:
-        """Return the largest load on a free component (N), moments over the length."""
+        """Return the largest load or force of a spring, of free components (N)."""
         loads = np.append(self.force.value, self.moment.value)
-        loads = self._unit * (loads - self.spring.value * self.q.x.array)
-        return float(np.max(abs(loads[self.released]), initial=0.0))
+        sizes = self.unit * np.maximum(abs(loads), abs(self.spring.value * self.q.x.array))
+        return float(np.max(sizes[self.released], initial=0.0))
+
+    def enter(self) -> None:
+        """Take the given values."""
+        held = ~self.released
+        self.q.x.array[held] = self._target.value[held]
 
     def settings(self) -> Array:
         """Return all that the user sets, for comparison between ranks."""
@@ -178,13 +183,8 @@ class RigidBody(Motion):
         """Begin a step: find the motion of the step that leads to the given values."""
         d, target = len(self.center), self.given.value.copy()
         if d == 3:
-            old = Rotation.from_matrix(np.eye(3) + self._old_turned.value)
-            held = ~self.released[3:]
-            wanted = nearest(old.as_rotvec(), target[3:], held)
-            wanted[held] = target[3:][held]
-            way = (Rotation.from_rotvec(wanted) * old.inv()).as_rotvec()
-            angle = float(np.linalg.norm(way))
-            target[3:] = way * (2.0 * np.tan(angle / 2.0) / angle if angle > 0.0 else 1.0)
+            old = np.eye(3) + self._old_turned.value
+            target[3:] = cayley_vector(old, target[3:], ~self.released[3:])
         self._target.value[:] = target
 
     # -- where it is -----------------------------------------------------------------------------

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import ufl
+from scipy.spatial.transform import Rotation
 from ufl.core.expr import Expr
 
 Array = npt.NDArray[np.floating]
@@ -33,6 +34,22 @@ def nearest(vector: Array, given: Array, held: npt.NDArray[np.bool_]) -> Array:
     turns = round(float(np.linalg.norm(given)) / (2.0 * np.pi)) + 1
     ways = [vector * (1.0 + 2.0 * np.pi * k / angle) for k in range(-turns, turns + 1)]
     return min(ways, key=lambda way: float(np.linalg.norm((way - given)[held])))
+
+
+def cayley_vector(old: Array, given: Array, held: npt.NDArray[np.bool_]) -> Array:
+    """Return the vector of Cayley's rotation that leads from an old one to given components.
+
+    Args:
+        old: Matrix of the old rotation; its other components stay.
+        given: Rotation vector of the whole.
+        held: Which components are given.
+    """
+    start = Rotation.from_matrix(old)
+    wanted = nearest(start.as_rotvec(), given, held)
+    wanted[held] = given[held]
+    way = (Rotation.from_rotvec(wanted) * start.inv()).as_rotvec()
+    angle = float(np.linalg.norm(way))
+    return np.asarray(way * (2.0 * np.tan(angle / 2.0) / angle if angle > 0.0 else 1.0))
 
 
 def turned_by(angle: float) -> Array:

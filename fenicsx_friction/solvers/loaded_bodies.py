@@ -36,11 +36,15 @@ class LoadedBodies:
         self.size = sum(map(num_owned, self.motions))
 
     def begin(self, rows: Sequence[Array]) -> float:
-        """Take the rows at the present state; return their 2-norm on this rank (N)."""
+        """Take given values, and the rows at the present state; return their 2-norm here (N)."""
         owned = [slice(num_owned(f)) for f in self.motions]
         slopes = [b.slopes()[own] for b, own in zip(self._bodies, owned, strict=True)]
         self.origin = [f.x.array.copy() for f in self.motions]
-        self.loads, self.slopes = (np.concatenate([*parts, []]) for parts in (rows, slopes))
+        free = [b.released[own] for b, own in zip(self._bodies, owned, strict=True)]
+        loads = [np.where(there, row, 0.0) for there, row in zip(free, rows, strict=True)]
+        self.loads, self.slopes = (np.concatenate([*parts, []]) for parts in (loads, slopes))
+        for body in self._bodies:
+            body.enter()
         self.start = self._now()
         return float(np.linalg.norm(self.loads))
 
