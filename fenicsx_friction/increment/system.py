@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The system of equations: the user's bulk residual with contact rows beside it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import zip_longest
 
 from mpi4py import MPI
@@ -137,7 +137,7 @@ class ContactSystem:
             options,
             self.scales,
             self.terms,
-            weakly(self, lambda there: there.assemble_without_contact()),
+            weakly(self, lambda there: list(there.assemble_without_contact())),
             tangent,
         )
         parts = (options.prefix, self.solvers, self._eps, self._xi, self._ramp_sign)
@@ -197,9 +197,9 @@ class ContactSystem:
         """Return the unbalanced nodal forces (N), reactions at prescribed dofs; owned dofs."""
         return assemble_owned(self._bulk_form) + self.terms.momentum()
 
-    def assemble_without_contact(self) -> list[np.ndarray]:
-        """Return the rows of all equations but for the forces of contact; owned dofs."""
-        return [assemble_owned(f) for f in (self._bulk_form, *self._other_forms)]
+    def assemble_without_contact(self) -> Iterator[np.ndarray]:
+        """Yield the rows of each equation but for the forces of contact; owned dofs."""
+        return (assemble_owned(f) for f in (self._bulk_form, *self._other_forms))
 
     def assemble_others(self) -> list[np.ndarray]:
         """Return the rows of the equations beside the momentum balance; owned dofs."""

@@ -152,7 +152,7 @@ class EnergyAudit:
         """Return stored energy, external and contact forces (owned dofs) at the current state."""
         comm = self._problem.comm
         energy = float(comm.allreduce(fem.assemble_scalar(self._stored), MPI.SUM))
-        contact = self._problem.assemble_without_contact()[0] - self._problem.assemble_momentum()
+        contact = next(self._problem.assemble_without_contact()) - self._problem.assemble_momentum()
         forces = np.zeros_like(contact)
         held = self._problem.constrained_dofs
         held = held[held < len(forces)]
