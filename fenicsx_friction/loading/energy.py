@@ -152,12 +152,12 @@ class EnergyAudit:
         """Return stored energy, external and contact forces (owned dofs) at the current state."""
         comm = self._problem.comm
         energy = float(comm.allreduce(fem.assemble_scalar(self._stored), MPI.SUM))
-        contact = next(self._problem.assemble_without_contact()) - self._problem.assemble_momentum()
+        momentum, contact = self._problem.assemble_momentum(), -self._problem.terms.momentum()
         forces = np.zeros_like(contact)
         held = self._problem.constrained_dofs
         held = held[held < len(forces)]
         # The residual at prescribed dofs is the reaction.
-        forces[held] = self._problem.assemble_momentum()[held]
+        forces[held] = momentum[held]
         if self._loads is not None:
             forces += assemble_owned(self._loads)
         return energy, forces, contact

@@ -32,6 +32,7 @@ class Border:
 
     def __init__(self, blocks: SaddleBlocks) -> None:
         self._own = slice(blocks.num_u, blocks.num_u + blocks.num_q)
+        self._mine, self._size = blocks.motions, blocks.num_motions
         self._columns: list[PETSc.Vec] = []
 
     def update(self, J: PETSc.Mat, solve: Solve) -> bool:
@@ -43,23 +44,19 @@ class Border:
         """
         self.destroy()
         self._comm, self._row = J.comm.tompi4py(), J.createVecLeft()
-        counts = self._comm.allgather(self._own.stop - self._own.start)
-        size, first = sum(counts), sum(counts[: self._comm.rank])
-        self._mine = slice(first, first + counts[self._comm.rank])
-        matrix = np.zeros((size, size))
+        self._matrix = np.zeros((self._size, self._size))
         unit, column = J.createVecs()
-        for i in range(size):
+        for i in range(self._size):
             unit.zeroEntries()
             if self._mine.start <= i < self._mine.stop:
                 unit.array[self._own.start + i - self._mine.start] = 1.0
             J.mult(unit, column)
             self._columns.append(unit.duplicate())
             solve(column, self._columns[-1])
-            matrix[:, i] = self._left(J, column, self._columns[-1])
+            self._matrix[:, i] = self._left(J, column, self._columns[-1])
         unit.destroy()
         column.destroy()
-        self._matrix = matrix
-        return bool(np.all(np.isfinite(matrix)))
+        return bool(np.all(np.isfinite(self._matrix)))
 
     def apply(self, J: PETSc.Mat, solve: Solve, r: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve for all unknowns, with the arguments of :meth:`update`."""

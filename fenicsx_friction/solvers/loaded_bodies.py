@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
 from ..equations.numbering import num_owned
 from ..obstacles.rigid_body import RigidBody
@@ -28,23 +27,23 @@ class LoadedBodies:
         size: How many components this rank owns.
         loads, slopes, start: Of the owned components; loads (N) and start are those of the last
             :meth:`begin`.
+        origin: The motions when that began.
     """
 
     def __init__(self, bodies: Sequence[RigidBody]) -> None:
-        self._bodies: Sequence[RigidBody] = bodies
-        self.motions: list[fem.Function] = [body.q for body in bodies]
+        self._bodies, self.motions = bodies, [body.q for body in bodies]
         self.size = sum(map(num_owned, self.motions))
 
     def begin(self, rows: Sequence[Array]) -> float:
         """Take given values, and the rows at the present state; return their 2-norm here (N)."""
-        owned = [slice(num_owned(f)) for f in self.motions]
-        slopes = [b.slopes()[own] for b, own in zip(self._bodies, owned, strict=True)]
         self.origin = [f.x.array.copy() for f in self.motions]
-        free = [b.released[own] for b, own in zip(self._bodies, owned, strict=True)]
-        loads = [np.where(there, row, 0.0) for there, row in zip(free, rows, strict=True)]
-        self.loads, self.slopes = (np.concatenate([*parts, []]) for parts in (loads, slopes))
-        for body in self._bodies:
+        loads: list[Array] = [np.empty(0)]
+        slopes: list[Array] = [np.empty(0)]
+        for body, row in zip(self._bodies, rows, strict=True):
+            loads.append(np.where(body.released[: len(row)], row, 0.0))
+            slopes.append(body.slopes()[: len(row)])
             body.enter()
+        self.loads, self.slopes = np.concatenate(loads), np.concatenate(slopes)
         self.start = self._now()
         return float(np.linalg.norm(self.loads))
 

@@ -31,6 +31,8 @@ class SaddleBlocks:
         num_u, num_q, num_c: How many displacements, components of motions and multipliers this rank
             owns.
         first_row: First row of this rank.
+        motions: This rank's among the components of the motions of all ranks.
+        num_motions: How many these are.
         forces: Matrix: what multipliers do to the balance of forces.
         slopes: Matrix: what displacements do in the rows of the law.
         springs: Matrix: the balance of forces when the multipliers are eliminated, without bulk.
@@ -49,6 +51,8 @@ class SaddleBlocks:
         sizes = np.array(self._comm.allgather((self.num_u, self.num_q, self.num_c)))
         self._before_c, self._starts = sizes[:, :2].sum(axis=1), np.cumsum([0, *sizes.sum(axis=1)])
         self._u_starts, self._c_starts = (np.cumsum([0, *sizes[:, i]]) for i in (0, 2))
+        self.num_motions, before = sizes[:, 1].sum(), sizes[: self._comm.rank, 1].sum()
+        self.motions = slice(before, before + self.num_q)
         self.first_row = int(self._starts[self._comm.rank])
         self.forces: PETSc.Mat | None = None
         self._parts: list[NodeBlocks] = []
