@@ -12,7 +12,7 @@ import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
-from models import block
+from models import block, by_place
 from restart_run import path_run
 from sweeps import fingerprint, follow, swept
 from test_relaxation import LOAD, arch
@@ -71,7 +71,7 @@ def run(make, prefix, folder, count=None, **options):
     seen = []
     for record in ff.LoadStepper(problem, loads, **options):
         steps = (record.time, record.step, record.report.iterations)
-        seen.append((steps, record.energy, fingerprint(problem), problem.u.x.array.copy()))
+        seen.append((steps, record.energy, fingerprint(problem), by_place(problem.u)))
         if len(seen) == count:
             break
     problem.comm.barrier()
@@ -100,6 +100,15 @@ def assert_same(expected, found):
         assert energy_found.stored == pytest.approx(energy.stored, rel=1e-6, abs=1e-9)
 
 
+def events(log):
+    """Return the events of a log in order, without the numbers of the nodes."""
+    found = []
+    for step, _, x, *states in (line.split(",") for line in log[1:]):
+        place = [round(float(value), 9) + 0.0 for value in x.split()]
+        found.append((int(step), place, states))
+    return sorted(found)
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_cut_anywhere_it_goes_on_as_if_it_had_not_been(name, folders):
@@ -113,8 +122,10 @@ def test_cut_anywhere_it_goes_on_as_if_it_had_not_been(name, folders):
     # Of two halves, the second one ends the step: a cut between them repeats the first.
     start = 2 + (2 if name == "halved" else 3)
     assert_same(expected, [*first, *second[: start - 2], *rest])
-    logs = [(folder / "events.csv").read_text() for folder in folders]
-    assert logs[0] == logs[1] and logs[0].count("\n") > 4
+    logs = [(folder / "events.csv").read_text().splitlines() for folder in folders]
+    if MPI.COMM_WORLD.size < 3:  # else equal meshes may be divided in two ways, with other numbers
+        assert logs[0] == logs[1]
+    assert events(logs[0]) == events(logs[1]) and len(logs[0]) > 4
     assert run(SCRIPTS[name], f"{name}_again_", cut) == []
 
 
