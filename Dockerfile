@@ -34,5 +34,13 @@ RUN printf '%s\n' 'Acquire::Check-Valid-Until "false";' 'Acquire::Retries "5";' 
       # terminal output, tests, checks, packaging
       python3-rich python3-pytest python3-pytest-xdist python3-hypothesis \
       ruff mypy python3-pip python3-setuptools python3-wheel make git openssh-client \
+      python3-build twine python3-pytest-cov \
+      # the documentation
+      python3-sphinx python3-myst-nb python3-ipykernel python3-jupytext python3-sphinx-book-theme \
+      python3-sphinx-copybutton python3-sphinx-design python3-sphinxcontrib.bibtex \
+ # its formulas without a network: one file of MathJax, not Node.js, which the package asks for
+ && cd /tmp && apt-get download node-mathjax-full \
+ && dpkg-deb --fsys-tarfile node-mathjax-full_*.deb | tar -x -C / ./usr/share/nodejs/mathjax-full/es5/tex-svg.js \
+ && rm node-mathjax-full_*.deb && cd / \
  && apt-get clean && rm -rf /var/lib/apt/lists/* \
  && python3 -c 'import dolfinx.fem.petsc, gmsh, pyvista'
