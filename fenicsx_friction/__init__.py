@@ -38,6 +38,7 @@ from .obstacles.rigid_body import RigidBody
 from .obstacles.rigid_surface import RigidSurface
 from .obstacles.round import RigidCylinder, RigidSphere
 from .obstacles.search import SearchPolicy
+from .obstacles.self_contact import SelfContact
 from .obstacles.shapes import ImplicitObstacle, RigidPlane
 from .problem import FrictionalContactProblem
 from .solvers.report import SubstepReport
@@ -85,6 +86,7 @@ __all__ = [
     "RigidSphere",
     "RigidSurface",
     "SearchPolicy",
+    "SelfContact",
     "Sliding",
     "StepFailed",
     "StepRecord",

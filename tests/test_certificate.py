@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fenicsx_friction.base.groups import Groups
 from fenicsx_friction.certificate.certificate import certify
-from fenicsx_friction.certificate.groups import Groups
 from fenicsx_friction.certificate.nodal_state import OPEN, SLIP, STICK, NodalState
 from fenicsx_friction.certificate.scales import Scales
 

@@ -9,7 +9,7 @@ from dolfinx import fem
 
 import fenicsx_friction as ff
 from bodies import box, joined, stack
-from fenicsx_friction.equations.bodies import number_bodies
+from fenicsx_friction.surfaces.bodies import number_bodies
 from models import block, tagged_facets, with_contact
 
 #: Units of length (m) and of stress (Pa): their products of all kinds stay within floating point.

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from .groups import Array, Groups
+from ..base.groups import Array, Groups
 from .nodal_state import NodalState
 from .scales import Scales, coarsest
 from .violations import largest_of_nodes, natural_maps, unphysical_part, worst_of_ranks

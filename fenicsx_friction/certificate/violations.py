@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from .groups import Array, Groups
+from ..base.groups import Array, Groups
 from .nodal_state import UNLIMITED, NodalState
 
 #: Rows of :func:`_violations`, by the names of the certificate, and three lengths (m).

@@ -1,44 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""The bodies of a mesh: its connected parts, and which may meet."""
+"""Which bodies of a mesh may meet."""
 
 from collections.abc import Sequence
-
-from mpi4py import MPI
 
 import numpy as np
 from dolfinx import fem
 
-from ..certificate.groups import Labels, connected
+from ..base.groups import Labels, connected
 from ..contact.contact import Contact
-
-
-def number_bodies(V: fem.FunctionSpace) -> tuple[int, Labels]:
-    """Number the bodies of a mesh, which share no vertex; collective.
-
-    Args:
-        V: A space of the mesh, continuous or not.
-
-    Returns:
-        How many there are, and the body of each local (blocked) dof of the space. Only the order of
-        the bodies depends on the number of ranks.
-    """
-    comm, vertices = V.mesh.comm, fem.functionspace(V.mesh, ("Lagrange", 1))
-    index_map, cells = vertices.dofmap.index_map, vertices.dofmap.list
-    n = index_map.size_local + index_map.num_ghosts
-    first = np.repeat(cells[:, 0], cells.shape[1] - 1)
-    number, part = connected(n, first, cells[:, 1:].ravel())
-    part = part + comm.scan(number) - number  # unique among all ranks
-    owner = fem.Function(vertices, dtype=np.float64)
-    owner.x.array[:] = part
-    owner.x.scatter_forward()
-    theirs = np.rint(owner.x.array).astype(np.int64)
-    joints = np.concatenate(comm.allgather(np.unique(np.column_stack([part, theirs]), axis=0)))
-    total = comm.allreduce(number, MPI.SUM)
-    bodies, body = connected(total, joints[:, 0], joints[:, 1])
-    dofs = V.dofmap.index_map
-    result = np.zeros(dofs.size_local + dofs.num_ghosts, dtype=np.int64)
-    result[V.dofmap.list] = body[part][cells[:, :1]]
-    return bodies, result
 
 
 def link_bodies(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.collective import any_rank
 from ..base.errors import ContactInputError
-from ..certificate.groups import Array
+from ..base.groups import Array
 from ..certificate.scales import DIGITS, Scales
 from ..contact.contact import Contact
 from ..obstacles.rigid_body import RigidBody

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..certificate.groups import Array
+from ..base.groups import Array
 from ..certificate.scales import SHARE, Scales
 from .row_groups import MeasuredRows
 

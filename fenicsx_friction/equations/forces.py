@@ -11,12 +11,13 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..base.collective import largest_of_ranks
-from ..certificate.groups import Array, Groups
+from ..base.groups import Array, Groups
 from ..certificate.scales import DIGITS, FAINT, SHARE, Scales, joined
 from ..contact.bonds import at_bonds
 from ..contact.contact import Contact
+from ..surfaces.bodies import number_bodies
 from ..surfaces.cells import extent, extreme_sizes
-from .bodies import link_bodies, number_bodies
+from .bodies import link_bodies
 from .body_equation import BodyEquation, bodies_of, loads_of
 from .boundary_measure import BoundaryMeasure
 from .conditions import with_conditions

@@ -15,10 +15,10 @@ from dolfinx.la import InsertMode
 
 from ..base.collective import largest_of_ranks
 from ..base.compilation import compiled
-from ..certificate.groups import Array, Groups
+from ..base.groups import Array, Groups
 from ..certificate.scales import DIGITS, Scales
+from ..surfaces.bodies import number_bodies
 from ..surfaces.cells import extreme_sizes
-from .bodies import number_bodies
 from .conditions import with_conditions
 from .numbering import num_owned
 

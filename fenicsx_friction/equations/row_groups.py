@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..base.collective import largest_of_ranks
-from ..certificate.groups import Array, Groups, Labels
+from ..base.groups import Array, Groups, Labels
 from ..contact.contact import Contact
 from .body_equation import BodyEquation
 from .conditions import constrained_dofs

@@ -16,8 +16,8 @@ import numpy as np
 
 from ..base.collective import any_rank, largest_of_ranks
 from ..base.errors import ContactInputError, OutOfMemory
+from ..base.groups import Array
 from ..base.log import tell as log
-from ..certificate.groups import Array
 from . import snapshot
 from .correctors import Attempt
 from .report import OtherSolution, StepReport

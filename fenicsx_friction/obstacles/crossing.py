@@ -60,13 +60,14 @@ class Trail:
             x, y = x + offset[:, None] * n, y + offset[:, None] * m
         return cls(surface, (x, y), (n, m))
 
-    def seen_by(self, nodes: Trail, own: slice, part: float, doubt: float) -> Motion:
+    def seen_by(self, nodes: Trail, own: slice, part: float | Array, doubt: float) -> Motion:
         """Return how some nodes move before the faces of this surface.
 
         Args:
             nodes: The trail of the nodes' surface.
             own: These nodes.
-            part: From which part of the smaller face on a node is behind a face.
+            part: From which part of the smaller face on a node is behind a face, for all nodes or
+                for each.
             doubt: How far (m) a node may be behind besides.
         """
         return Motion(
@@ -74,7 +75,7 @@ class Trail:
             x=(nodes.x[0][own], nodes.x[1][own]),
             directions=(nodes.normals[0][own], nodes.normals[1][own]),
             depths=(
-                part * self.surface.sizes + doubt,
+                float(np.max(part, initial=0.0)) * self.surface.sizes + doubt,
                 part * nodes.surface.node_sizes()[own] + doubt,
             ),
         )

@@ -33,6 +33,8 @@ class NodeToFace(TwoBodies):
     A stencil is the node, its face's nodes, and those of the face from where its slip starts.
     """
 
+    _met: type[FacePairs] = FacePairs
+
     def __init__(self, primary: ContactSurface, policy: SearchPolicy, side: Side) -> None:
         super().__init__(primary, policy, side)
         self._warn_of_coarse_nodes()
@@ -40,7 +42,7 @@ class NodeToFace(TwoBodies):
         n = side.surface.num_owned
         self._kernel = PairKernel(side.surface.mesh.comm, self.faces.cell, side.d, n)
         self._primary_dofs = self.partners(side.u.function_space)
-        self._history = FacePairs(self.faces, self._secondary, policy, side)
+        self._history = self._met(self.faces, self._secondary, policy, side)
 
     def _warn_of_coarse_nodes(self) -> None:
         """Warn where the secondary surface should be the primary one."""

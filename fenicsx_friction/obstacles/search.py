@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Search: which face does each node meet?"""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Real
 
@@ -13,6 +13,8 @@ from ..base.errors import ContactInputError
 from ..surfaces.face_cells import Array, blend, distances, normals, project, shape_matrix
 from ..surfaces.faces import Faces
 
+#: Tells of nodes and faces, in pairs, which may meet.
+MayMeet = Callable[[npt.NDArray[np.int64], npt.NDArray[np.int64]], npt.NDArray[np.bool_]]
 #: Distances that differ by this fraction of a face are the same.
 TIE = 1e-9
 #: Nodes whose faces are looked up together.
@@ -97,6 +99,7 @@ def find_pairs(
     last: Pairs | None = None,
     *,
     keep: npt.ArrayLike = 0.0,
+    may_meet: MayMeet | None = None,
 ) -> Pairs:
     """Pair nodes with the nearest face that looks at them.
 
@@ -110,9 +113,10 @@ def find_pairs(
         last: The pairs so far.
         keep: Fraction of a face by which a node may have left its last face and still keep it, for
             all nodes or for each.
+        may_meet: Tells which nodes may meet which faces at all; by default all.
     """
     result = Pairs(np.full(len(x), -1, dtype=np.int64), np.tile(faces.cell.center, (len(x), 1)))
-    i, f = _candidates(faces, face_x, x, directions, policy, last)
+    i, f = _candidates(faces, face_x, x, directions, policy, last, may_meet)
     near = _nearest(faces, face_x, x, i, f, last, np.broadcast_to(keep, len(x)))
     allowed = np.where(held, policy.leave, policy.enter)
     good = (near.overhang <= allowed) & (abs(near.gap) <= policy.distance(faces))
@@ -196,6 +200,7 @@ def _candidates(
     directions: Array,
     policy: SearchPolicy,
     last: Pairs | None,
+    may_meet: MayMeet | None,
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return nodes and faces that may be pairs, from a tree of the faces' centers.
 
@@ -213,6 +218,9 @@ def _candidates(
         i += start
         looks = np.sum(normal[f] * directions[i], axis=1) < 0.0
         i, f = i[looks], f[looks]
+        if may_meet is not None:
+            allowed = may_meet(i, f)
+            i, f = i[allowed], f[allowed]
         away = np.linalg.norm(x[i] - center[f], axis=1)
         nearest = np.full(len(x), np.inf)
         np.minimum.at(nearest, i, away)

@@ -35,9 +35,7 @@ class Faces:
     def __init__(self, cell: FaceCell, X: Array, faces: npt.NDArray[np.int64]) -> None:
         self.cell, self.X, self.faces = cell, X, faces
         corners = X[faces]
-        center = corners.mean(axis=1) - np.min(X, axis=0)
-        extent = np.max(np.ptp(X, axis=0))
-        self.priority = np.argsort(np.lexsort(np.round(center / extent, 9).T[::-1]))
+        self.priority = order_of_places(corners.mean(axis=1), X)
         self.sizes = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
         self.size = float(np.mean(self.sizes))
 
@@ -60,6 +58,20 @@ class Faces:
         for column in self.faces.T:
             np.minimum.at(result, column, self.sizes)
         return result
+
+
+def order_of_places(points: Array, X: Array, directions: Array | None = None) -> npt.NDArray:
+    """Return the place of each point in an order that does not depend on the partition.
+
+    Args:
+        points: The points (m).
+        X: The nodes of the surface, whose extent tells which digits count (m).
+        directions: Unit vectors, which decide between points at one place.
+    """
+    keys = np.round((points - np.min(X, axis=0)) / np.max(np.ptp(X, axis=0)), 9)
+    if directions is not None:
+        keys = np.hstack([keys, np.round(directions, 6)])
+    return np.argsort(np.lexsort(keys.T[::-1]))
 
 
 class FaceSet(Faces):

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: MIT
+"""Which face of its own surface each node meets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..surfaces.bodies import number_bodies
+from ..surfaces.face_cells import Array, blend, normals, shape_matrix
+from ..surfaces.faces import Faces, FaceSet
+from .face_pairs import FacePairs
+from .roles import Roles
+from .search import Pairs, SearchPolicy, balls
+from .side import Side
+
+Indices = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+#: A node is behind a face of its body from this fraction of a face on: as the mesh is made, ...
+BEHIND_AT_FIRST = 1e-6
+#: ... and at the last accepted displacement.
+BEHIND = 0.2
+
+#: Cosine of the normals of node and face from which on both are on one smooth, convex side, where
+#: a node is behind the planes of the faces beside it.
+ROUND = 0.5
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A surface in one configuration: where its nodes are, and what their faces look like."""
+
+    x: Array
+    directions: Array
+    center: Array
+    radius: Array
+    normal: Array
+
+    @classmethod
+    def of(cls, faces: Faces, x: Array) -> Shape:
+        """Return the shape of a surface whose nodes are at ``x`` (m)."""
+        corners = x[faces.faces]
+        middle = np.tile(faces.cell.center, (len(corners), 1))
+        return cls(x, faces.node_normals(x), *balls(corners), normals(faces.cell, corners, middle))
+
+    def behind(self, i: Indices, f: Indices, tolerance: float, near: float) -> Mask:
+        """Tell which nodes are behind faces with other normals: what is between is the body.
+
+        Args:
+            i: The nodes.
+            f: The faces.
+            tolerance: From which depth on (m).
+            near: Up to which distance (m).
+        """
+        way = self.x[i] - self.center[f]
+        away = np.sum(self.normal[f] * self.directions[i], axis=1) < ROUND
+        close = np.linalg.norm(way, axis=1) <= self.radius[f] + near
+        return np.asarray(away & close & (np.sum(self.normal[f] * way, axis=1) < -tolerance))
+
+
+class SelfPairs(FacePairs):
+    """The pairs of nodes and faces of one surface that meets itself, within a step.
+
+    A node meets no face that it belongs to, and none on the far side of its own body: none that it
+    was behind in the undeformed body or, well behind, at the last accepted displacement.
+
+    Args:
+        faces: The faces of the surface.
+        secondary: The same.
+        policy: How pairs are found.
+        side: The side.
+
+    Attributes:
+        before: The face that each owned node had before it at the last accepted displacement, or
+            -1, whichever of the two is secondary.
+    """
+
+    _STATE = (*FacePairs._STATE, "before", "_accepted")
+
+    def __init__(self, faces: Faces, secondary: FaceSet, policy: SearchPolicy, side: Side) -> None:
+        self._roles, self._made = Roles(faces), Shape.of(faces, secondary.X)
+        dofs = side.parent_dofs[: side.surface.num_owned]
+        self._body = secondary.gather(number_bodies(side.u.function_space)[1][dofs])
+        super().__init__(faces, secondary, policy, side)
+
+    def anchor(self) -> None:
+        """Pair the nodes at ``u_old``; collective."""
+        self._accepted = Shape.of(self._faces, self._secondary.positions(self._side.u_old))
+        super().anchor()
+        self.before = self._seen
+
+    def _may_meet(self, i: Indices, f: Indices) -> Mask:  # type: ignore[override]
+        """Tell which owned nodes may meet which faces."""
+        node, corners = i + self._secondary.own.start, self._faces.faces[f]
+        size, near = self._faces.size, 2.0 * self._policy.distance(self._faces)
+        own = np.any(corners == node[:, None], axis=1)
+        one_body = self._body[node] == self._body[corners[:, 0]]
+        behind = one_body & self._made.behind(node, f, BEHIND_AT_FIRST * size, near)
+        return ~(own | behind | self._accepted.behind(node, f, BEHIND * size, near))
+
+    def _find(
+        self,
+        u: fem.Function,
+        held: Mask,
+        last: Pairs | None = None,
+        keep: npt.ArrayLike = 0.0,
+    ) -> Pairs:
+        """Pair this rank's nodes at a displacement, those that are secondary; collective."""
+        found, x = super()._find(u, held, last, keep), self._secondary.positions(u)
+        self._seen = found.face
+        own, faces = self._secondary.own, self._faces
+        foot = blend(shape_matrix(faces.cell, found.xi), x[faces.faces[found.face]])
+        distance = np.linalg.norm(x[own] - foot, axis=1)
+        of_all = (self._secondary.gather(values) for values in (found.face, distance, held))
+        secondary = self._roles.secondary(*of_all)[own]
+        return Pairs(np.where(secondary, found.face, -1), found.xi)
