@@ -46,12 +46,11 @@ class Roles:
             for a, b in zip(beside.indptr[:-1], beside.indptr[1:], strict=True)
         ]
 
-    def secondary(self, face: Indices, distance: Array, held: Mask) -> Mask:
+    def secondary(self, face: Indices, held: Mask) -> Mask:
         """Tell which nodes meet the faces before them.
 
         Args:
             face: The face that each node of the surface has before it, or -1.
-            distance: How far away it is (m).
             held: Nodes that were secondary so far.
         """
         partners = [set(self._corners[f]) if f >= 0 else set() for f in face]
@@ -60,8 +59,7 @@ class Roles:
         self._spread(self._sorted(np.flatnonzero(open_ & held)), partners, open_, result)
         left = np.flatnonzero(open_)
         ratio = np.round(self._sizes[left] / self._face_sizes[face[left]], 3)
-        nearness = np.round(distance[left] / np.mean(self._face_sizes), 6)
-        for seed in left[np.lexsort((self._order[left], nearness, ratio))]:
+        for seed in left[np.lexsort((self._order[left], ratio))]:
             self._spread([seed], partners, open_, result)
         chosen = np.zeros(len(face), dtype=bool)
         chosen[list(result)] = True

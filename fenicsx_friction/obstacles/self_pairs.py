@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -28,6 +30,10 @@ BEHIND = 0.2
 #: Cosine of the normals of node and face from which on both are on one smooth, convex side, where
 #: a node is behind the planes of the faces beside it.
 ROUND = 0.5
+#: Nodes nearer than this part of a face touch it ...
+TOUCHING = 1e-3
+#: ... and press if their pressure is more than this part of the largest.
+FAINT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -110,11 +116,21 @@ class SelfPairs(FacePairs):
         keep: npt.ArrayLike = 0.0,
     ) -> Pairs:
         """Pair this rank's nodes at a displacement, those that are secondary; collective."""
-        found, x = super()._find(u, held, last, keep), self._secondary.positions(u)
+        found = super()._find(u, held, last, keep)
         self._seen = found.face
-        own, faces = self._secondary.own, self._faces
-        foot = blend(shape_matrix(faces.cell, found.xi), x[faces.faces[found.face]])
-        distance = np.linalg.norm(x[own] - foot, axis=1)
-        of_all = (self._secondary.gather(values) for values in (found.face, distance, held))
-        secondary = self._roles.secondary(*of_all)[own]
+        before = self._pressed(found) if last is None else last.paired
+        of_all = (self._secondary.gather(values) for values in (found.face, before))
+        secondary = self._roles.secondary(*of_all)[self._secondary.own]
         return Pairs(np.where(secondary, found.face, -1), found.xi)
+
+    def _pressed(self, found: Pairs) -> Mask:
+        """Tell which owned nodes press on what they found at ``u_old``; collective.
+
+        Multipliers of open nodes may be rounding.
+        """
+        faces, own = self._faces, self._secondary.own
+        foot = blend(shape_matrix(faces.cell, found.xi), self._accepted.x[faces.faces[found.face]])
+        distance = np.linalg.norm(self._accepted.x[own] - foot, axis=1)
+        pressure = abs(self._side.nodal(self._side.c)[:, 0])
+        largest = self._side.surface.mesh.comm.allreduce(np.max(pressure, initial=0.0), MPI.MAX)
+        return (distance < TOUCHING * faces.size) & (pressure > FAINT * largest)
