@@ -22,6 +22,9 @@ from .side import Side
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
+#: Cosine of the normals of node and face up to which they face each other. A corner of a cube looks
+#: at faces with -0.58; what lies on a face beside the foot of a wall does not meet the wall.
+FACING = -0.3
 #: A node is behind a face of its body from this fraction of a face on: as the mesh is made, ...
 BEHIND_AT_FIRST = 1e-6
 #: ... and at the last accepted displacement.
@@ -71,8 +74,9 @@ class Shape:
 class SelfPairs(FacePairs):
     """The pairs of nodes and faces of one surface that meets itself, within a step.
 
-    A node meets no face that it belongs to, and none on the far side of its own body: none that it
-    was behind in the undeformed body or, well behind, at the last accepted displacement.
+    A node meets no face that it belongs to, none that stands across its way, and none on the far
+    side of its own body: none that it was behind in the undeformed body or, well behind, at the
+    last accepted displacement.
 
     Args:
         faces: The faces of the surface.
@@ -104,9 +108,10 @@ class SelfPairs(FacePairs):
         node, corners = i + self._secondary.own.start, self._faces.faces[f]
         size, near = self._faces.size, 2.0 * self._policy.distance(self._faces)
         own = np.any(corners == node[:, None], axis=1)
+        aside = np.sum(self._now.normal[f] * self._now.directions[node], axis=1) > FACING
         one_body = self._body[node] == self._body[corners[:, 0]]
         behind = one_body & self._made.behind(node, f, BEHIND_AT_FIRST * size, near)
-        return ~(own | behind | self._accepted.behind(node, f, BEHIND * size, near))
+        return ~(own | aside | behind | self._accepted.behind(node, f, BEHIND * size, near))
 
     def _find(
         self,
@@ -116,6 +121,7 @@ class SelfPairs(FacePairs):
         keep: npt.ArrayLike = 0.0,
     ) -> Pairs:
         """Pair this rank's nodes at a displacement, those that are secondary; collective."""
+        self._now = Shape.of(self._faces, self._secondary.positions(u))
         found = super()._find(u, held, last, keep)
         self._seen = found.face
         before = self._pressed(found) if last is None else last.paired
