@@ -117,13 +117,22 @@ def ring(n, layers, thickness, *, half, cell="quadrilateral", unit=1.0, turn=0.0
 
 
 def tube(
-    prefix, *, half=False, n=32, layers=2, thickness=0.15, mu=0.5, unit=1.0, turn=0.0,
-    cell="quadrilateral", degree=1, energy=ff.bulk.neo_hooke_energy, E=100.0, **options,
+    prefix, *, half=False, n=24, layers=1, thickness=0.15, mu=0.5, unit=1.0, turn=0.0,
+    cell="quadrilateral", degree=1, energy=ff.bulk.neo_hooke_energy, E=100.0, search=None,
+    self_contact=True, all_round=False, **options,
 ) -> Model:  # fmt: skip
     """Build a tube between two rigid plates, or its upper half on the plane of symmetry.
 
     ``move(c)`` brings each plate closer to the plane of symmetry by ``c`` radii. The plates are
     frictional, the plane is not; the inner surface meets itself with ``mu``.
+
+    Args:
+        prefix: Of the PETSc options.
+        half: Whether to build the upper half.
+        n: Elements round the whole tube.
+        layers: Elements through the wall.
+        self_contact: Whether the inner surface may meet itself,
+        all_round: and the outer one, too, as one surface with it.
     """
     c, s = np.cos(turn), np.sin(turn)
     across, up = np.array([c, s]), np.array([-s, c])
@@ -131,7 +140,7 @@ def tube(
     msh.topology.create_connectivity(1, 2)
     facets = np.sort(mesh.exterior_facet_indices(msh.topology))
     middle = mesh.compute_midpoints(msh, 1, facets)[:, :2] / unit
-    height, radius = middle @ up, np.linalg.norm(middle, axis=1)
+    height, radius = middle @ up, np.linalg.norm(middle, axis=1) / np.cos(np.pi / n)
     values = np.where(radius < 1.0 - thickness / 2.0, 1, np.where(height > 0.0, 2, 3))
     if half:
         values[abs(height) < 1e-9] = 4
@@ -159,7 +168,10 @@ def tube(
         contacts.append(ff.Contact(face(1), ff.RigidPlane((0, 0), (0, 1)), ff.Frictionless()))
     else:
         contacts.append(plate(3, -1.0, plates[1]))
-        contacts.append(ff.Contact(face(1), ff.SelfContact(), ff.Coulomb(mu)))
+    if self_contact and not half:
+        everything = mesh.meshtags(msh, 1, facets, np.ones_like(values, dtype=np.int32))
+        surface = ff.ContactSurface(msh, everything, 1, "all round") if all_round else face(1)
+        contacts.append(ff.Contact(surface, ff.SelfContact(search=search), ff.Coulomb(mu)))
     problem = ff.FrictionalContactProblem(
         F, u, bcs=bcs, contact=contacts, petsc_options_prefix=prefix, **options
     )
