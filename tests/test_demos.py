@@ -339,3 +339,21 @@ def test_a_lugged_roller_carries_its_load_and_rolls(tmp_path):
     wheel = (34.0 * np.sin(pitch / 2.0) + 3.0 * pitch) / pitch
     assert 40.0 / (angle[-1] - angle[0]) == pytest.approx(wheel, rel=0.015)
     assert (tmp_path / "roller.png").stat().st_size > 10_000
+
+
+def test_a_crushed_tube_is_a_ring_at_first_and_meets_itself_in_the_end(tmp_path):
+    done = run(
+        DEMOS / "demo_crushed_tube.py", "--around", 96, "--output", tmp_path
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    first, thin = map(float, re.findall(r"([\d.]+) N/mm", done.stdout)[:2])
+    assert first == pytest.approx(thin, rel=0.15)  # the wall is a sixth of the radius
+    lines = rows(tmp_path / "contacts.csv")
+    wall = [line for line in lines if line["contact"] == "wall"]
+    met = [float(line["time"]) for line in wall if int(line["open"]) < 96]
+    assert met[0] == pytest.approx(17.0 / 20.0, abs=0.0021)
+    plates = [float(lines[-3 + k]["force_y"]) for k in range(2)]
+    assert plates[0] == pytest.approx(-plates[1], rel=1e-9)
+    between = abs(float(wall[-1]["force_y"]))
+    assert 0.7 * plates[1] < between < plates[1]  # the loops at the sides carry the rest
+    assert (tmp_path / "crushed.png").stat().st_size > 10_000

@@ -12,19 +12,19 @@ from dolfinx import fem
 
 from ..base.collective import largest_of_ranks
 from ..base.groups import Array, Groups
-from ..certificate.scales import DIGITS, FAINT, SHARE, Scales, joined
-from ..contact.bonds import at_bonds
+from ..certificate.scales import DIGITS, SHARE, Scales, joined
 from ..contact.contact import Contact
 from ..surfaces.bodies import number_bodies
 from ..surfaces.cells import extent, extreme_sizes
 from .bodies import link_bodies
-from .body_equation import BodyEquation, bodies_of, loads_of
+from .body_equation import BodyEquation, bodies_of
 from .boundary_measure import BoundaryMeasure
 from .conditions import with_conditions
 from .contact_terms import ContactTerms
 from .further_equation import FurtherEquation
 from .noise import rounding_errors
 from .row_groups import RowGroups
+from .tractions import Tractions
 
 #: Rounding errors of forces may be this many times those of one measurement, and at most this
 #: fraction of stiffness times cell size.
@@ -59,10 +59,7 @@ class ForceScales:
     """
 
     #: What :meth:`begin` and :meth:`find_noise` set: arrays that are replaced, never changed.
-    AT_START = (
-        *("_forces", "_tractions", "_coordinates", "_resting"),
-        *("_given", "_length", "_values", "_noise"),
-    )
+    AT_START = ("_forces", "_given", "_length", "_values", "_noise")
 
     def __init__(
         self,
@@ -78,11 +75,9 @@ class ForceScales:
         self._unknowns, self._contacts, self._bcs = list(unknowns), contacts, bcs
         self._u, self._terms, V = unknowns[0], terms, unknowns[0].function_space
         self._momentum, self._residuals, self._equations = momentum, residuals, equations
-        self._measured: list[ForceScales | FurtherEquation | BodyEquation] = [self, *equations]
         self._comm, (self.number, body) = V.mesh.comm, number_bodies(V)
         self._stiffness = abs(stiffness)
         self._bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]
-        self.surfaces = [Groups(bodies, self.number) for bodies in self._bodies]
         each = V.dofmap.index_map_bs
         self._labels = np.repeat(body, each)[: len(stiffness)]
         parts = (self._labels, self._bodies, self.number)
@@ -91,14 +86,17 @@ class ForceScales:
         self.equilibrium, self.held_rows = self._rows.equilibrium, self._rows.held_rows
         self.row_factors = self._rows.row_factors
         self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
-        self._per_area = self._by_contact([1.0 / k.nodal_area() for k in contacts])
         self._linked = link_bodies(contacts, self._bodies, V, body, self.number)
         nodes = sum(self._comm.allgather(sum(map(len, self._bodies))))
         self.nodes_across = nodes ** (1.0 / (each - 1))
         # What moves a node by the size of the mesh: more, as in a jammed corner, would hide errors.
         self._size = extreme_sizes(V.mesh)[1], extent(V.mesh)
         self._most = self._size[1] * self._stiffest
-        self._most_traction = self._by_contact([self._size[1] * k.nodal_scale() for k in contacts])
+        given = (self._comm, contacts, self._bodies, self.number, self._size[1])
+        self._tractions = Tractions(*given)
+        self.surfaces = self._tractions.groups
+        measured = [self, self._tractions, *equations]
+        self._measured: list[ForceScales | Tractions | FurtherEquation | BodyEquation] = measured
         self.begin()
 
     def begin(self) -> None:
@@ -106,10 +104,7 @@ class ForceScales:
         forces = np.maximum(self._all.largest(abs(self._momentum())), self._contact_forces())
         self._forces = self._over_ranks(forces)
         self._noise = np.zeros(self.number)
-        self._tractions = self._by_contact(self._traction_lengths())
-        self._coordinates = [k.pairing.rounding() for k in self._contacts]
-        bonds = map(at_bonds, self._contacts, self._coordinates)
-        self._resting = DIGITS * self._by_contact(list(bonds))
+        self._tractions.begin()
         there = [
             np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs))) for f in self._unknowns
         ]
@@ -207,44 +202,15 @@ class ForceScales:
         forces, strict = np.minimum(forces, self._most), np.zeros(self.number, dtype=bool)
         start = (self._given, self._length, self._noise)
         bodies = Scales(forces, self._forces, hidden, *start, strict)
-        tractions = np.minimum(self._by_contact(self._traction_lengths()), self._most_traction)
-        rounded = [
-            k.nodal_scale() * (k.distance() + lengths)
-            for k, lengths in zip(self._contacts, self._coordinates, strict=True)
-        ]
-        unresolved, each = DIGITS * self._by_contact(rounded), len(self._contacts)
-        bonded = np.where(self._resting > 0.0, unresolved, 0.0)  # slips of bonds are rounding
-        loads = np.tile(np.maximum(forces, self._forces), each)
-        faint = np.maximum(loads, np.repeat(loads_of(self._contacts), self.number)) * self._per_area
-        contacts = Scales(
-            tractions,
-            np.maximum(self._tractions, FAINT * faint),
-            unresolved,
-            np.maximum(np.tile(self._given, each) * self._per_area, bonded),
-            np.maximum(np.tile(self._length, each), self._resting),
-            np.zeros(each * self.number),
-            np.tile(strict, each),
-        )
-        return bodies, contacts
+        loads = np.maximum(forces, self._forces)
+        return bodies, self._tractions.scales(loads, self._given, self._length)
 
     def _contact_forces(self) -> Array:
         """Return the largest contact force on a node of each body (N), of this rank."""
-        largest = np.zeros(self.number)
-        parts = (self._contacts, self.surfaces, self._traction_lengths())
-        for k, group, lengths in zip(*parts, strict=True):
-            largest = np.maximum(largest, group.largest(k.nodal_area() * lengths))
+        largest = self._tractions.forces()
         if any(k.pairing.deformable for k in self._contacts):  # the reactions are forces, too
             largest = np.maximum(largest, self._all.largest(abs(self._terms.momentum())))
         return largest
-
-    def _traction_lengths(self) -> list[Array]:
-        """Return the length of each node's traction (Pa), one array a contact."""
-        return [np.linalg.norm(k.multipliers(), axis=1) for k in self._contacts]
-
-    def _by_contact(self, values: Sequence[Array]) -> Array:
-        """Return the largest values of each contact, body by body, of all ranks."""
-        largest = [g.largest(v) for g, v in zip(self.surfaces, values, strict=True)]
-        return self._over_ranks(np.concatenate(largest))
 
     def _over_ranks(self, values: Array) -> Array:
         """Return the largest values of all ranks; what is not a number counts as infinite."""
