@@ -41,7 +41,9 @@ def stored(u, energy=ff.bulk.neo_hooke_energy, E=100.0):
     return ff.bulk.stored_energy(energy(u, ff.bulk.Elastic(E=E, nu=0.3)), ufl.dx)
 
 
-def column(d, prefix, *, pairs=None, mu=0.3, n=4, widths=(1.0, 1.0, 1.0)) -> Model:
+def column(
+    d, prefix, *, pairs=None, mu=0.3, n=4, widths=(1.0, 1.0, 1.0), height=1.0, gap=GAP
+) -> Model:
     """Build three blocks on each other, with one surface or with contacts of two each.
 
     Args:
@@ -50,19 +52,19 @@ def column(d, prefix, *, pairs=None, mu=0.3, n=4, widths=(1.0, 1.0, 1.0)) -> Mod
         widths: Of the blocks, from below (m).
     """
     cell = "quadrilateral" if d == 2 else "hexahedron"
-    lows = [k * (1.0 + GAP) for k in range(3)]
+    lows = [k * (height + gap) for k in range(3)]
     parts = [
-        box([0.0] * (d - 1) + [z], [w] * (d - 1) + [z + 1.0], [n] * (d - 1) + [2], cell)
+        box([0.0] * (d - 1) + [z], [w] * (d - 1) + [z + height], [n] * (d - 1) + [2], cell)
         for z, w in zip(lows, widths, strict=True)
     ]
     msh, fdim = joined(MPI.COMM_WORLD, *parts), d - 1
     msh.topology.create_connectivity(fdim, d)
     facets = np.sort(mesh.exterior_facet_indices(msh.topology))
-    height = mesh.compute_midpoints(msh, fdim, facets)[:, d - 1]
-    levels = [lows[0], lows[0] + 1.0, lows[1], lows[1] + 1.0, lows[2], lows[2] + 1.0]
+    middle = mesh.compute_midpoints(msh, fdim, facets)[:, d - 1]
+    levels = [level for low in lows for level in (low, low + height)]
     values = np.zeros(len(facets), dtype=np.int32)
     for tag, level in enumerate(levels, 1):
-        values[abs(height - level) < GAP / 9.0] = tag
+        values[abs(middle - level) < GAP / 9.0] = tag
     if pairs is None:
         values[(values != 1) & (values != 6)] = 9
     tags = mesh.meshtags(msh, fdim, facets[values > 0], values[values > 0])

@@ -110,6 +110,18 @@ def test_thin_walls_do_not_meet_themselves():
 
 
 @pytest.mark.mpi
+def test_thin_sheets_on_each_other_meet_only_their_neighbours():
+    """Three sheets of a tenth of a face: the far sides of the outer ones are no penetration."""
+    together = column(2, "sheets_", height=0.025)
+    apart = column(2, "sheets_apart_", height=0.025, pairs=[(2, 3), (4, 5)])
+    for way in ((0.0, -5e-4), (2e-4, -5e-4)):
+        one, two = together.solve(*way), apart.solve(*way)
+        assert one.contacts[0].open == 20
+        assert np.max(abs(together.by_place() - apart.by_place())) < 1e-11
+        assert abs(two.contacts[0].force[1]) > 0.1
+
+
+@pytest.mark.mpi
 def test_walls_that_went_through_each_other_are_refused():
     """Both halves of the tube are carried through each other, far beyond the reach."""
     model = tube("through_", search=ff.SearchPolicy(reach=0.1), mu=0.0)
@@ -150,15 +162,19 @@ def test_thin_walls_would_be_pressed_apart(monkeypatch):
         model.solve(0.1)
 
 
-def test_the_foot_of_a_wall_would_be_met_sideways(monkeypatch):
+def test_the_foot_of_a_wall_is_not_met_sideways(monkeypatch):
+    """A node beside a block: its normal is tilted a little, away from the block's side."""
+    model = column(2, "sideways_", widths=(1.5, 1.0, 1.5))
+    pairing, state = model.problem.contacts[0].pairing, model.problem
+    for u in (state.u, state.u_old):
+        u.interpolate(lambda x: 0.05 * np.where(x[1] < 1.0 + 1e-5, [-x[1], x[0] - 1.0], 0.0))
+    x = pairing.side.surface.x[: pairing.side.surface.num_owned]
+    (beside,) = np.flatnonzero(np.linalg.norm(x[:, :2] - [1.125, 1.0], axis=1) < 1e-6)
+    pairing.anchor()
+    assert pairing.started()[beside] == -1
     monkeypatch.setattr(self_pairs, "FACING", 0.0)
-    model, right = column(2, "sideways_"), column(2, "upright_", pairs=[(2, 3), (4, 5)])
-    differences = []
-    for way in path(2):
-        model.solve(*way)
-        right.solve(*way)
-        differences.append(np.max(abs(model.by_place() - right.by_place())))
-    assert max(differences) > 1e-3
+    pairing.anchor()
+    assert pairing.started()[beside] >= 0
 
 
 # -- wrong input ----------------------------------------------------------------------------------
@@ -167,6 +183,19 @@ def test_the_foot_of_a_wall_would_be_met_sideways(monkeypatch):
 def test_quadratic_displacements_are_refused():
     with pytest.raises(ff.ContactInputError, match="SelfContact is node to face and needs"):
         tube("quadratic_", degree=2)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("d", [2, 3])
+def test_bodies_that_overlap_are_refused(d):
+    with pytest.raises(ff.ContactInputError, match="nodes are inside another body"):
+        column(d, "overlapping_", gap=-0.1)
+
+
+def test_nodes_that_change_roles_are_not_tied():
+    model = column(2, "tied_")
+    with pytest.raises(ff.ContactInputError, match="meets itself, and its nodes change their ro"):
+        ff.tie(model.problem.contacts[0], within=2e-4)
 
 
 @pytest.mark.parametrize("search", [0.1, "near"])

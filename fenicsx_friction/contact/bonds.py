@@ -30,9 +30,15 @@ def tie(contact: Contact, within: float) -> int:
         The number of bonded nodes, of all ranks.
 
     Raises:
-        ContactInputError: If the contact has no problem yet, or no node touches.
+        ContactInputError: If the contact has no problem yet, its nodes cannot be tied, or no node
+            touches.
     """
     _check(contact)
+    if not contact.pairing.bondable:
+        raise ContactInputError(
+            f"tie: '{contact.surface.name}' meets itself, and its nodes change their roles. Take "
+            "two surfaces with a DeformableObstacle for what is to be tied."
+        )
     number(within, "within (m)", at_least=0.0)
     pairing, n = contact.pairing, contact.surface.num_owned
     near = abs(pairing.gaps()) <= within

@@ -5,11 +5,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from mpi4py import MPI
+
 import numpy as np
 from dolfinx import fem
 
 from ..base.errors import ContactInputError
 from ..surfaces.elements import nodal_on_facets
+from ..surfaces.naming import named
 from .against_faces import beside
 from .averaged import DEEP
 from .crossing import DEPTH, find_crossed
@@ -17,7 +20,7 @@ from .node_to_face import NodeToFace
 from .obstacle import Obstacle
 from .pairing import Mask
 from .search import SearchPolicy
-from .self_pairs import SelfPairs
+from .self_pairs import OVERLAP, SelfPairs
 from .side import Side
 from .two_bodies import Indices
 from .view import View
@@ -31,7 +34,7 @@ class SelfContact(Obstacle):
     the far side of its body. Of two places that face each other one is secondary and meets the
     other; which one is found anew in each step, closed nodes first, and follows a moving fold. All
     nodes carry multipliers; those that are not secondary are open. Faces of two places should
-    match or be as fine as each other.
+    match or be as fine as each other. Bodies must not overlap at the start.
 
     The displacement needs dofs at the vertices only: P1, Q1 or MINI. Edges that meet edges in 3D
     are out of scope.
@@ -54,7 +57,7 @@ class SelfContact(Obstacle):
 
         Raises:
             ContactInputError: If the displacement has dofs on edges or faces, or the surface has
-                nodes there.
+                nodes there, or nodes are inside another body.
         """
         if not nodal_on_facets(side.u.function_space) or side.surface.degree > 1:
             raise ContactInputError(
@@ -63,14 +66,29 @@ class SelfContact(Obstacle):
                 f"{side.u.function_space.ufl_element()}. Between two surfaces, DeformableObstacle "
                 "takes any degree."
             )
-        return OneSurface(side.surface, self.search or SearchPolicy(), side)
+        pairing = OneSurface(side.surface, self.search or SearchPolicy(), side)
+        inside = pairing.inside_others()
+        if number := side.surface.mesh.comm.allreduce(int(np.sum(inside)), MPI.SUM):
+            raise ContactInputError(
+                f"Contact '{side.surface.name}': {number} nodes are inside another body in the "
+                f"undeformed mesh, by more than {OVERLAP:.0%} of a face"
+                f"{named(side.surface, np.flatnonzero(inside))}. SelfContact "
+                "needs bodies that touch or are apart: move them, call close_initial_gaps, or "
+                "take two surfaces and DeformableObstacle(close_gaps=...)."
+            )
+        return pairing
 
 
 class OneSurface(NodeToFace):
     """Nodes that meet faces of their own surface."""
 
+    bondable = False
     _met = SelfPairs
     _history: SelfPairs
+
+    def inside_others(self) -> Mask:
+        """Tell which owned nodes are inside another body in the undeformed mesh; collective."""
+        return self._history.inside_others()
 
     def started(self) -> Indices:
         """Return the face that each node had before it at the start of the step, or -1."""

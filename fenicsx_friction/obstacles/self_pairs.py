@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from ..surfaces.bodies import number_bodies
+from ..surfaces.bodies import cells_at, number_bodies
 from ..surfaces.face_cells import Array, blend, normals, shape_matrix
 from ..surfaces.faces import Faces, FaceSet
 from .face_pairs import FacePairs
@@ -25,9 +25,11 @@ Mask = npt.NDArray[np.bool_]
 #: Cosine of the normals of node and face up to which they face each other. A corner of a cube looks
 #: at faces with -0.58; what lies on a face beside the foot of a wall does not meet the wall.
 FACING = -0.3
-#: A node is behind a face of its body from this fraction of a face on: as the mesh is made, ...
+#: A node is behind a face from this fraction of a face on: in the undeformed mesh one of its body,
 BEHIND_AT_FIRST = 1e-6
-#: ... and at the last accepted displacement.
+#: one of another body (faces of curved bodies that touch overlap),
+OVERLAP = 0.05
+#: and any at the last accepted displacement.
 BEHIND = 0.2
 
 #: Cosine of the normals of node and face from which on both are on one smooth, convex side, where
@@ -56,7 +58,7 @@ class Shape:
         middle = np.tile(faces.cell.center, (len(corners), 1))
         return cls(x, faces.node_normals(x), *balls(corners), normals(faces.cell, corners, middle))
 
-    def behind(self, i: Indices, f: Indices, tolerance: float, near: float) -> Mask:
+    def behind(self, i: Indices, f: Indices, tolerance: float | Array, near: float) -> Mask:
         """Tell which nodes are behind faces with other normals: what is between is the body.
 
         Args:
@@ -75,8 +77,8 @@ class SelfPairs(FacePairs):
     """The pairs of nodes and faces of one surface that meets itself, within a step.
 
     A node meets no face that it belongs to, none that stands across its way, and none on the far
-    side of its own body: none that it was behind in the undeformed body or, well behind, at the
-    last accepted displacement.
+    side of a body: none that it was behind in the undeformed mesh or, well behind, at the last
+    accepted displacement.
 
     Args:
         faces: The faces of the surface.
@@ -94,7 +96,8 @@ class SelfPairs(FacePairs):
     def __init__(self, faces: Faces, secondary: FaceSet, policy: SearchPolicy, side: Side) -> None:
         self._roles, self._made = Roles(faces), Shape.of(faces, secondary.X)
         dofs = side.parent_dofs[: side.surface.num_owned]
-        self._body = secondary.gather(number_bodies(side.u.function_space)[1][dofs])
+        self._bodies = number_bodies(side.u.function_space)[1]
+        self._body = secondary.gather(self._bodies[dofs])
         super().__init__(faces, secondary, policy, side)
 
     def anchor(self) -> None:
@@ -103,6 +106,18 @@ class SelfPairs(FacePairs):
         super().anchor()
         self.before = self._seen
 
+    def inside_others(self) -> Mask:
+        """Tell which owned nodes are inside another body in the undeformed mesh; collective.
+
+        Nodes are moved into their own body first, by what counts as touching.
+        """
+        made, V, own = self._made, self._side.u.function_space, self._secondary.own
+        points = made.x - OVERLAP * self._faces.size * made.directions
+        node, cell = cells_at(V.mesh, points)
+        other = self._bodies[V.dofmap.list[cell, 0]] != self._body[node]
+        found = np.concatenate(V.mesh.comm.allgather(node[other]))
+        return np.isin(np.arange(own.start, own.stop), found)
+
     def _may_meet(self, i: Indices, f: Indices) -> Mask:  # type: ignore[override]
         """Tell which owned nodes may meet which faces."""
         node, corners = i + self._secondary.own.start, self._faces.faces[f]
@@ -110,7 +125,8 @@ class SelfPairs(FacePairs):
         own = np.any(corners == node[:, None], axis=1)
         aside = np.sum(self._now.normal[f] * self._now.directions[node], axis=1) > FACING
         one_body = self._body[node] == self._body[corners[:, 0]]
-        behind = one_body & self._made.behind(node, f, BEHIND_AT_FIRST * size, near)
+        tolerance = np.where(one_body, BEHIND_AT_FIRST, OVERLAP) * size
+        behind = self._made.behind(node, f, tolerance, near)
         return ~(own | aside | behind | self._accepted.behind(node, f, BEHIND * size, near))
 
     def _find(

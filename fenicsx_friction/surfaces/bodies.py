@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""The bodies of a mesh: its connected parts."""
+"""The bodies of a mesh: its connected parts, and where points are in them."""
 
 from mpi4py import MPI
 
 import numpy as np
-from dolfinx import fem
+import numpy.typing as npt
+from dolfinx import fem, geometry, mesh
 
 from ..base.groups import Labels, connected
 
@@ -36,3 +37,15 @@ def number_bodies(V: fem.FunctionSpace) -> tuple[int, Labels]:
     result = np.zeros(dofs.size_local + dofs.num_ghosts, dtype=np.int64)
     result[V.dofmap.list] = body[part][cells[:, :1]]
     return bodies, result
+
+
+def cells_at(
+    msh: mesh.Mesh, points: npt.NDArray[np.floating]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
+    """Return points, by number, and the cells of this rank in which they are, in pairs."""
+    x = np.zeros((len(points), 3))
+    x[:, : points.shape[1]] = points
+    tree = geometry.bb_tree(msh, msh.topology.dim)
+    near = geometry.compute_collisions_points(tree, x)
+    found = geometry.compute_colliding_cells(msh, near, x)
+    return np.repeat(np.arange(len(x)), np.diff(found.offsets)), found.array
