@@ -27,9 +27,9 @@ RUN printf '%s\n' 'Acquire::Check-Valid-Until "false";' 'Acquire::Retries "5";' 
       # forms are compiled just in time
       gcc libc6-dev \
       # finite elements, meshes, fields on disk
-      python3-dolfinx python3-gmsh python3-scifem python3-io4dolfinx python3-h5py \
-      # numerics and pictures
-      python3-numba python3-scipy python3-matplotlib python3-pyvista \
+      python3-dolfinx python3-gmsh python3-h5py \
+      # numerics and pictures; a fast BLAS, or packages are content with the reference one
+      libopenblas0-pthread python3-scipy python3-matplotlib python3-pyvista \
       libegl1 libgl1-mesa-dri fonts-dejavu-core \
       # terminal output, tests, checks, packaging
       python3-rich python3-pytest python3-pytest-xdist python3-hypothesis \
