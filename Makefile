@@ -4,10 +4,12 @@ DEMO = results/raous_rectangle
 PYTEST = python3 -m pytest
 # Ranks of the tests that do not depend on their number.
 N = 2
+BENCHMARKS = block_cost deformable_cost multigrid_cost raous_cost
 # Ranks that wait yield: a busy machine would have none left for those that work.
 RANKS = env OMPI_MCA_mpi_yield_when_idle=1 mpirun
 
-.PHONY: help demo test test-quick check ranks weekly coverage lint format package getfem clean
+.PHONY: help demo test test-quick check serial ranks weekly benchmarks coverage lint \
+	format package getfem clean
 
 help:  ## show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -22,12 +24,15 @@ test:  ## everything CI checks: style, types, tests, tests on two ranks
 test-quick: lint  ## some minutes: short tests that together enter each room of the package
 	$(RUN) $(PYTEST) -n 2 -m quick
 
-check: lint  # inside the environment; only a test that hangs has a limit, in pyproject.toml. On two ranks
-# four variations of a test are enough: they differ in what a rank does alone; `make weekly` has all.
+check: lint serial ranks  # inside the environment
+
+# Only a test that hangs has a limit, in pyproject.toml.
+serial:  ## inside the environment: tests on one rank, counts of iterations
 	$(PYTEST) -n 2 --dist worksteal -m "not weekly"
 	python3 benchmarks/counts.py
-	$(MAKE) ranks
 
+# On two ranks four variations of a test are enough: they differ in what a rank does alone;
+# `make weekly` has all.
 ranks:  ## inside the environment: tests on N ranks
 	$(RANKS) -n $(N) $(PYTEST) -p no:xdist -m mpi --variations 4
 
@@ -35,6 +40,11 @@ weekly:  ## what takes longer: long demos, three ranks, random problems against 
 	$(RUN) $(PYTEST) -m weekly
 	$(RUN) $(RANKS) --oversubscribe -n 3 $(PYTEST) -p no:xdist -m mpi
 	$(RUN) python3 benchmarks/random_suite.py
+
+benchmarks:  ## costs in linear elastic solves; tables in results/benchmarks
+	mkdir -p results/benchmarks
+	$(RUN) sh -c 'python3 -c "import fenicsx_friction as ff; ff.show_versions()" >results/benchmarks/versions.txt; status=0; \
+	for name in $(BENCHMARKS); do python3 benchmarks/$$name.py >results/benchmarks/$$name.txt || status=1; done; exit $$status'
 
 coverage:  ## lines of the package that `make test` runs on one rank, at least 90 %
 	$(RUN) $(PYTEST) -n 2 --dist worksteal -m "not weekly" --cov --cov-report=term --cov-fail-under=90
