@@ -22,7 +22,7 @@ test:  ## everything CI checks: style, types, tests, tests on two ranks
 	$(RUN) make check RUN=
 
 test-quick: lint  ## some minutes: short tests that together enter each room of the package
-	$(RUN) $(PYTEST) -n 2 -m quick
+	$(RUN) $(PYTEST) -n 2 -m quick --variations 2
 
 check: lint serial ranks  # inside the environment
 

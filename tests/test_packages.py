@@ -155,10 +155,8 @@ def test_dependencies_are_what_is_imported():
     module = lambda n: n.removeprefix("fenics-").replace("-", "_")  # noqa: E731
     needed = {module(name(d)) for d in PROJECT["dependencies"]}
     optional = {module(n) for n in extra("demos")}
-    scripts = [
-        p for folder in ("demos", "benchmarks", "meshes") for p in (ROOT / folder).glob("*.py")
-    ]
-    own = {p.stem for p in scripts}
+    folders = (ROOT / folder for folder in ("demos", "benchmarks", "meshes"))
+    own = {path.stem for folder in folders for path in folder.glob("*.py")}
     assert imported("fenicsx_friction") == needed | optional
     assert imported("demos") | imported("meshes") <= needed | optional | own
     tests = imported("tests") - own - {p.stem for p in (ROOT / "tests").glob("*.py")}

@@ -114,3 +114,10 @@ def test_the_development_container_is_the_image():
     config = json.loads((folder / "devcontainer.json").read_text())
     assert (folder / config["build"]["dockerfile"]).resolve() == ROOT / "Dockerfile"
     assert (folder / config["build"]["context"]).resolve() == ROOT
+
+
+def test_the_paper_cites_what_it_lists():
+    folder = ROOT / "paper"
+    cited = set(re.findall(r"@(\w+)", (folder / "paper.md").read_text()))
+    listed = re.findall(r"^@\w+\{(\w+),", (folder / "paper.bib").read_text(), re.MULTILINE)
+    assert cited == set(listed) and len(listed) == len(cited) > 8

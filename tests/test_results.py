@@ -42,6 +42,7 @@ def integral(grid, name):
     return grid.integrate_data()[name][0]
 
 
+@pytest.mark.quick
 def test_forces_and_energies_balance_in_what_is_read_back(folder):
     """Raous' rectangle in two steps: table, pressures and displacements agree with the loads."""
     model = raous(12, 6, 0.5, "results_")
@@ -258,6 +259,7 @@ def test_wrong_input_is_refused_before_the_solve(folder):
         ff.plot.table(folder)
 
 
+@pytest.mark.quick
 def test_pictures(folder):
     """Their numbers are those of the files."""
     model = block("hexahedron", 0.4, "results_pictures_", n=(4, 3, 2))
