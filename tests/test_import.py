@@ -17,6 +17,7 @@ HEAVY = {
     "scipy.linalg",
     "scipy.sparse",
     "scipy.spatial",
+    "vtkmodules",
     "fenicsx_friction.verification.exact",
 }
 #: Stand-ins of what the package needs, in versions and builds that will not do.

@@ -45,7 +45,8 @@ def test_jobs_call_targets_and_files_that_are_there():
     lines = [line for job in jobs().values() for line in commands(job)]
     called = {line.split()[1] for line in lines if line.startswith("make ")}
     assert {"weekly", "benchmarks", "serial", "ranks", "lint", "package"} <= called
-    assert called <= targets() | {"docs"} and ".ci/run" in lines
+    later = set() if (ROOT / "docs" / "conf.py").exists() else {"docs"}
+    assert called <= targets() | later and ".ci/run" in lines
     files = {word for line in lines for word in re.findall(r"\bfenicsx_friction/[\w/]+\.\w+", line)}
     given = {s["with"]["environment-file"] for j in jobs().values() for s in j["steps"]
              if "environment-file" in s.get("with", {})}  # fmt: skip

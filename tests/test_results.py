@@ -1,8 +1,6 @@
 """Results in one call: what pyvista and csv read back is right, also after an interrupt."""
 
 import csv
-import subprocess
-import sys
 from pathlib import Path
 
 from mpi4py import MPI
@@ -297,12 +295,3 @@ def test_pictures(folder):
             assert len(np.unique(colours, axis=0)) > 50
 
     on_first(check)
-
-
-def test_importing_imports_no_libraries_for_pictures():
-    code = (
-        "import sys, fenicsx_friction as ff; assert callable(ff.plot.curve); "
-        "assert not {'matplotlib', 'pyvista', 'vtk', 'vtkmodules', 'h5py'} & set(sys.modules)"
-    )
-    if MPI.COMM_WORLD.size == 1:
-        assert subprocess.run([sys.executable, "-c", code]).returncode == 0
