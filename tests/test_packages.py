@@ -10,10 +10,11 @@ from pathlib import Path
 from shutil import copytree, ignore_patterns
 
 import pytest
-import tomllib
 import yaml
 
 import fenicsx_friction as ff
+
+tomllib = pytest.importorskip("tomllib", reason="comes with Python 3.11")
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
