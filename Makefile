@@ -2,13 +2,17 @@
 RUN = ./container
 DEMO = results/raous_rectangle
 PYTEST = python3 -m pytest
+# Ranks of the tests that do not depend on their number.
+N = 2
+BENCHMARKS = block_cost deformable_cost multigrid_cost raous_cost
 # Ranks that wait yield: a busy machine would have none left for those that work.
 RANKS = env OMPI_MCA_mpi_yield_when_idle=1 mpirun
 
-.PHONY: help demo test check weekly lint format getfem clean
+.PHONY: help demo test test-quick check serial ranks weekly benchmarks coverage lint \
+	format package getfem clean
 
 help:  ## show the targets
-	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
 
 demo:  ## the first demo: Raous' rectangle with friction
 	$(RUN) python3 demos/demo_raous_rectangle.py --output $(DEMO)
@@ -17,16 +21,38 @@ demo:  ## the first demo: Raous' rectangle with friction
 test:  ## everything CI checks: style, types, tests, tests on two ranks
 	$(RUN) make check RUN=
 
-check: lint  # inside the environment; only a test that hangs has a limit, in pyproject.toml. On two ranks
-# four variations of a test are enough: they differ in what a rank does alone; `make weekly` has all.
+test-quick: lint  ## some minutes: short tests that together enter each room of the package
+	$(RUN) $(PYTEST) -n 2 -m quick --variations 2
+
+check: lint serial ranks  # inside the environment
+
+# Only a test that hangs has a limit, in pyproject.toml.
+serial:  ## inside the environment: tests on one rank, counts of iterations
 	$(PYTEST) -n 2 --dist worksteal -m "not weekly"
 	python3 benchmarks/counts.py
-	$(RANKS) -n 2 $(PYTEST) -p no:xdist -m mpi --variations 4
+
+# On two ranks four variations of a test are enough: they differ in what a rank does alone;
+# `make weekly` has all.
+ranks:  ## inside the environment: tests on N ranks
+	$(RANKS) -n $(N) $(PYTEST) -p no:xdist -m mpi --variations 4
 
 weekly:  ## what takes longer: long demos, three ranks, random problems against the exact solver
 	$(RUN) $(PYTEST) -m weekly
 	$(RUN) $(RANKS) --oversubscribe -n 3 $(PYTEST) -p no:xdist -m mpi
 	$(RUN) python3 benchmarks/random_suite.py
+
+benchmarks:  ## costs in linear elastic solves; tables in results/benchmarks
+	mkdir -p results/benchmarks
+	$(RUN) sh -c 'python3 -c "import fenicsx_friction as ff; ff.show_versions()" >results/benchmarks/versions.txt; status=0; \
+	for name in $(BENCHMARKS); do python3 benchmarks/$$name.py >results/benchmarks/$$name.txt || status=1; done; exit $$status'
+
+coverage:  ## lines of the package that `make test` runs on one rank, at least 90 %
+	$(RUN) $(PYTEST) -n 2 --dist worksteal -m "not weekly" --cov --cov-report=term --cov-fail-under=90
+
+package:  ## sdist and wheel in dist/, checked
+	rm -rf dist
+	$(RUN) python3 -m build --no-isolation
+	$(RUN) sh -c 'twine check --strict dist/*'
 
 lint:  ## style and types only
 	$(RUN) ruff check .
@@ -42,5 +68,5 @@ getfem:  ## a step beside GetFEM's, which is installed for this run
 	>/dev/null && python3 benchmarks/getfem_raous.py'
 
 clean:  ## remove results and caches from this folder
-	rm -rf results build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf results build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Exact frictional contact for DOLFINx: stick predictor, slip corrector, certificate."""
 
+from .base import compat as _compat  # noqa: F401, I001  # first: it tells what is missing
 from . import laws, plot
 from .base.errors import CheckpointError, ContactInputError, OutOfMemory, StepFailed
+from .base.version import __version__ as __version__
+from .base.versions import show_versions
 from .certificate.certificate import Certificate
 from .certificate.nodal_state import OPEN, SLIP, STICK
 from .contact.bonds import release, tie
@@ -45,8 +48,6 @@ from .solvers.report import SubstepReport
 from .surfaces.surface import ContactSurface
 from .verification.jacobian import check_jacobian
 from .verification.jacobian_report import JacobianReport
-
-__version__ = "0.1.0"
 
 __all__ = [
     "OPEN",
@@ -104,6 +105,7 @@ __all__ = [
     "read_checkpoint",
     "read_gmsh",
     "release",
+    "show_versions",
     "tie",
     "write_checkpoint",
 ]

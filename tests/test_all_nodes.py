@@ -80,6 +80,7 @@ def pressed(cell, with_pressure):
     return contact.nodal().c[:, 0], E * PRESS / (1.0 - nu**2 if d == 2 else 1.0)
 
 
+@pytest.mark.quick
 @mpi
 @pytest.mark.parametrize("with_pressure", [False, True], ids=["u", "Taylor-Hood"])
 @pytest.mark.parametrize("cell", CELLS)

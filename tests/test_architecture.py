@@ -32,6 +32,8 @@ FILES = ("problem", "plot")
 MODULE, FUNCTION = 250, 50
 TESTS, TEST_FILE = Path(__file__).parent, 400
 
+pytestmark = pytest.mark.quick
+
 
 def modules():
     """Return the parsed modules of the package by their dotted names."""

@@ -61,6 +61,7 @@ class Body:
         )
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize(
     ("cell", "degree"),

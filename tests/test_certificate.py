@@ -54,6 +54,7 @@ def certificate(state: NodalState, *, equilibrium=0.0, sizes=None, **options):
     )
 
 
+@pytest.mark.quick
 def test_solution_is_certified_and_its_states_are_told():
     result = certificate(solved())
     assert result.certified
@@ -75,6 +76,7 @@ VIOLATIONS = {
 }
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("name", VIOLATIONS)
 def test_each_violation_is_seen_and_named(name):
     field, index, value, entry = VIOLATIONS[name]

@@ -123,6 +123,7 @@ def test_the_history_of_a_contact_is_complete(uninterrupted):
     assert names == {*CONTACT_HISTORY} | of_one_step | set_up
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 def test_last_accepted_step_and_dt_are_restored(folder, uninterrupted):
     _, _, _, (problem, step) = uninterrupted["block"]

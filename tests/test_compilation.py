@@ -46,6 +46,7 @@ def break_entries(comm, folder, remove):
     return sorted(folder.glob("*.c"))
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize("remove", [(".cached", ".so", ".o"), (".cached",)])
 def test_leftover_of_this_run_is_replaced(remove, cache, comm):

@@ -27,6 +27,7 @@ RAOUS = [(0.5, 0.5), (1.0, 1.0), (1.0, 0.4), (0.2, 0.2)]
 # -- the same result ---------------------------------------------------------------------------
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("mu", [0.0, 0.3, 1.0, 5.0])
 @pytest.mark.parametrize("corrector", [pytest.param("projection", marks=pytest.mark.mpi), "ramp"])
 def test_rectangle(mu, corrector):

@@ -44,6 +44,7 @@ def hot_block(prefix, cell="quadrilateral"):
     return problem, contact, T, move
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 def test_friction_of_an_unknown_temperature(cell):

@@ -120,6 +120,7 @@ def test_a_face_that_does_not_look_at_the_node_counts_not():
     assert crossed("interval", X, edges, start, end, looks=(0.0, -1.0)) == [False]
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("kind", ["triangle", "quadrilateral"])
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e6])
 def test_surfaces_in_space(kind, unit):

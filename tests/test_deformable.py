@@ -66,6 +66,7 @@ def test_action_equals_reaction(kind):
     assert comm.allreduce(moment) == pytest.approx(-np.array(contact.moment), abs=1e-10)
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "quadrilateral"])
 def test_patch_test_with_matching_faces_is_exact(cell):

@@ -96,6 +96,7 @@ def pressed(msh, V):
     return bcs, ff.Contact(ff.ContactSurface(msh, tags, 1), plane, ff.Coulomb(0.0))
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @accepted
 def test_a_pressed_column_has_its_exact_force_and_stress(make, cell):

@@ -16,6 +16,7 @@ OBLIQUE = np.array([[1.0, 2.0, 3.0], [1.0, -1.0, 0.0], [0.1, 0.0, -1.0]])
 NORMALS = np.vstack([AXES, -AXES, OBLIQUE / np.linalg.norm(OBLIQUE, axis=1)[:, None]])
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("fixed", list(product([False, True], repeat=3)))
 def test_first_tangent_exists_and_prescribed_directions_are_pinned(fixed):
     fixed = np.tile(fixed, (len(NORMALS), 1))

@@ -9,6 +9,7 @@ from fenicsx_friction import laws
 from models import by_place
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", LAWS)
 def test_a_dragged_block_meets_the_limit_exactly(name):

@@ -165,6 +165,7 @@ def test_an_offset_does_not_slip_over_the_fold_of_two_faces():
     assert abs(pairing.slips()[moved, 0]) == pytest.approx(0.05 / np.hypot(1.0, 0.4), rel=1e-9)
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("method", ["mortar", "node-to-face"])
 def test_a_clearance_opens_and_an_interference_closes_gradually(method):
     """Blocks between plates, lubricated: each micrometre of interference is a strain of both."""

@@ -35,6 +35,7 @@ def refused(match):
     return pytest.raises(ff.ContactInputError, match=match)
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 def test_surfaces(square):
     tags = bottom(square)
@@ -125,6 +126,7 @@ def test_scales(r_p, square):
         ff.Contact(ff.ContactSurface(square, bottom(square), 1), PLANE, ff.Coulomb(0.1), r_p=r_p)
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(
     "setting",
     [
@@ -149,6 +151,7 @@ def problem(square, **changes):
     return ff.FrictionalContactProblem(**arguments)
 
 
+@pytest.mark.quick
 def test_problems(square):
     u, F = body(square)
     scalar = fem.Function(fem.functionspace(square, ("Lagrange", 1)))

@@ -9,6 +9,7 @@ from fenicsx_friction.equations import contact_terms
 from fenicsx_friction.verification.jacobian import check_jacobian
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", LAWS)
 def test_jacobian_of_each_law(name):

@@ -55,6 +55,7 @@ def test_ramp_converges_to_the_positive_part_from_above(x):
     assert errors[-1] == 0.0
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(
     ("gap", "pressure", "holds"),
     [(0.0, 3.0, True), (0.1, 0.0, True), (0.1, 3.0, False), (-0.1, 0.0, False), (0.0, -1.0, False)],
@@ -90,6 +91,7 @@ SLIDING = [
 ]
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(("slip", "traction", "limit", "holds"), SLIDING)
 @pytest.mark.parametrize("r", [0.1, 1.0, 100.0])
 def test_projection_row_vanishes_exactly_on_coulomb(slip, traction, limit, holds, r):

@@ -61,6 +61,7 @@ class Membrane:
         return self.snes.getConvergedReason() > 0 and residual.norm() < 1e-8
 
 
+@pytest.mark.quick
 def test_singular_matrix(comm):
     membrane = Membrane(5, comm)
     membrane.fill(0.0)

@@ -53,6 +53,7 @@ def area(part, name):
     return COMM.allreduce(fem.assemble_scalar(fem.form(one * part.dx(name))))
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_two_plates_from_gmsh_meet(order, tmp_path):

@@ -49,6 +49,7 @@ def tilted(d, slope, uneven, skew):
 # -- patch test -----------------------------------------------------------------------------------
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("swap", [False, True])
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", CELLS)

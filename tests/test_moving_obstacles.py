@@ -13,6 +13,7 @@ from fenicsx_friction.verification.jacobian import check_jacobian
 from rectangles import AXIS, PATH, SQUARE, body, on_floor, tractions, turned
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 def test_dragging_the_body_equals_moving_the_plane_the_other_way():
     motions = []

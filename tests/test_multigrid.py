@@ -57,6 +57,7 @@ def assert_same(direct, multigrid):
             )
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("energy", ["small", "finite"])
 @pytest.mark.parametrize("mu", [0.0, 0.3, 1.0, 5.0])
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

@@ -73,6 +73,7 @@ SHAPES = {
 PLANES = [name for name, (shape, *_) in SHAPES.items() if isinstance(shape, ff.RigidPlane)]
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(
     ("name", "place"),
     [*((name, False) for name in SHAPES), *((name, True) for name in PLANES)],  # by displacements

@@ -8,6 +8,7 @@ import fenicsx_friction as ff
 from models import L_PATH, block, raous
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 def test_fields_are_those_of_the_accepted_step():
     model = block("hexahedron", 0.4, "fields_")

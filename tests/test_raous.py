@@ -29,6 +29,7 @@ def at_points(x, u):
     return np.interp(POINTS_MM * 1e-3, x[:, 0], u[:, 0])
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize("corrector", ["projection", "ramp"])
 def test_q4_equals_code_aster_to_nine_digits(corrector):
@@ -66,6 +67,7 @@ def test_bbar_has_the_ten_digits():
     assert at_points(x, u) == pytest.approx(BBAR_32X16 * 1e-5, rel=1e-8)
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("corrector", ["projection", "ramp"])
 @pytest.mark.parametrize("mu", [0.0, 0.2, 1.0, 5.0])
 def test_history_equals_the_exact_reference(mu, corrector):

@@ -20,6 +20,7 @@ def finite(mu, prefix, **settings):
     return block("hexahedron", mu, f"{prefix}{mu}_", energy="finite", **settings)
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("mu", [0.0, pytest.param(0.3, marks=pytest.mark.mpi), 1.0, 5.0])
 def test_block_at_finite_strain(mu):
     """As many factorisations for any friction: contact needs none."""

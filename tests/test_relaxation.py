@@ -62,6 +62,7 @@ class Film(ff.Coulomb):
         return (0.1 + 0.5 * sliding.rate) * pressure
 
 
+@pytest.mark.quick
 def test_the_times_of_the_increments_add_up_to_the_step(comm):
     """A law that depends on the slip rate sees slip over time in each of them."""
     problem, _, _, relaxation, loads = arch(comm, "rates_", Film(0.0))

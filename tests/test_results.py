@@ -1,8 +1,6 @@
 """Results in one call: what pyvista and csv read back is right, also after an interrupt."""
 
 import csv
-import subprocess
-import sys
 from pathlib import Path
 
 from mpi4py import MPI
@@ -42,6 +40,7 @@ def integral(grid, name):
     return grid.integrate_data()[name][0]
 
 
+@pytest.mark.quick
 def test_forces_and_energies_balance_in_what_is_read_back(folder):
     """Raous' rectangle in two steps: table, pressures and displacements agree with the loads."""
     model = raous(12, 6, 0.5, "results_")
@@ -258,6 +257,7 @@ def test_wrong_input_is_refused_before_the_solve(folder):
         ff.plot.table(folder)
 
 
+@pytest.mark.quick
 def test_pictures(folder):
     """Their numbers are those of the files."""
     model = block("hexahedron", 0.4, "results_pictures_", n=(4, 3, 2))
@@ -295,12 +295,3 @@ def test_pictures(folder):
             assert len(np.unique(colours, axis=0)) > 50
 
     on_first(check)
-
-
-def test_importing_imports_no_libraries_for_pictures():
-    code = (
-        "import sys, fenicsx_friction as ff; assert callable(ff.plot.curve); "
-        "assert not {'matplotlib', 'pyvista', 'vtk', 'vtkmodules', 'h5py'} & set(sys.modules)"
-    )
-    if MPI.COMM_WORLD.size == 1:
-        assert subprocess.run([sys.executable, "-c", code]).returncode == 0

@@ -32,6 +32,7 @@ def platen(msh, **options):
     return [body], [ff.RigidPlane((*up, 0.0), (*up, -1.0), motion=body)]
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize(("d", "degree", "nodes"), [(2, 1, 1), (2, 2, 1), (2, 2, 2), (3, 1, 1)])
 def test_pressing_by_force_equals_pressing_by_displacement(d, degree, nodes):

@@ -59,6 +59,7 @@ def distance(a, b):
     return np.linalg.norm(a - b) / np.linalg.norm(b)
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_plane_in_uneven_faces_is_the_plane(d):

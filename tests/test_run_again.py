@@ -167,6 +167,7 @@ def test_a_checkpoint_that_is_of_no_such_path_is_refused(folders):
             ff.LoadStepper(problem, loads, **options | {"checkpoint": bad})
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 def test_paths_follow_each_other_with_one_file(folders):
     """Press, then slide; the second path begins with its own size of step."""

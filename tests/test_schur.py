@@ -20,6 +20,7 @@ def test_options_of_mumps_reach_the_bulk():
     assert factor.getMumpsIcntl(14) == 77
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("kind", ["positive", "indefinite", "general"])
 def test_schur_complements_of_all_kinds_of_matrices(kind, monkeypatch):
     """Against NumPy, by MUMPS and by solves; the kind of factor is found out."""

@@ -67,6 +67,7 @@ def wedged():
     return ratio, 1.3 * abs(ratio), C @ force
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize("solver", ["condensed", "full"])
 def test_a_corner_that_may_stick_or_lift(wedged, solver):

@@ -12,6 +12,7 @@ from increments import dissipation, make_increment
 # --- one node, springs k = 2 N/m ---------------------------------------------------------------
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(
     ("load", "mu", "displacement", "force"),
     [

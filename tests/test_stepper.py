@@ -14,6 +14,7 @@ from sweeps import follow
 # -- times ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 def test_steps_end_exactly_at_stops_and_end():
     model = raous(4, 4, 0.5, "stops_")
@@ -114,6 +115,7 @@ def test_cycling_nodes_are_named_with_their_states(monkeypatch):
     assert len(set(MPI.COMM_WORLD.allgather(str(failure.value)))) == 1
 
 
+@pytest.mark.quick
 def test_failure_is_explained():
     model = raous(8, 8, 1.0, "explained_")
     stepper = LoadStepper(

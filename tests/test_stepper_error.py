@@ -62,7 +62,8 @@ def test_error_control_gives_up_when_the_tolerance_cannot_be_met():
     )
     with pytest.raises(StepperFailed, match="two half steps differ by") as failure:
         stepper.run()
-    assert "allow a larger error" in str(failure.value)
+    assert "allow a larger error" in failure.value.message
+    assert "contact 'contact': 20 nodes" in failure.value.background
     assert fingerprint(model.problem) == before
 
 

@@ -18,6 +18,7 @@ from models import block, raous
 from sweeps import follow, swept
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 def test_audit_sees_each_half_step_once_and_no_trial():
     model, plain = swept("audit_"), swept("plain_")
@@ -46,6 +47,7 @@ def test_audit_sees_each_half_step_once_and_no_trial():
 SEQUENCE = [(0, 0, 0.01), (0, 0, -0.01), (0.05, 0, -0.01), (0.0495, 0, -0.01), (0.05, 0, 0.01)]
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 def test_event_log_of_stick_slip_stick_and_lift(tmp_path):
     model = block("hexahedron", 0.6, "events_", n=(2, 1, 1))

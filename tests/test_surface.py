@@ -36,6 +36,7 @@ def bottom(msh):
 NODES = [*((cell, 1) for cell in CELLS), *((cell, 2) for cell in CELLS if cell != "tetrahedron")]
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize(("cell", "nodes"), NODES)
 def test_areas_add_up_and_expressions_are_collocated(cell, nodes):

@@ -38,6 +38,7 @@ def written(path, points, cells):
     return path
 
 
+@pytest.mark.quick
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", ["ball.stl", "ball.ply", "ball.vtk", "ball.msh"])
 def test_a_file_in_mm_is_read_back_as_the_tool(folder, name):

@@ -96,6 +96,7 @@ def test_it_carries_shear_without_friction():
     assert abs(tied[0] - report.force[0]) > 0.01
 
 
+@pytest.mark.quick
 def test_released_bodies_come_apart():
     pair = Pair("apart_")
     ff.tie(pair.contact, within=1e-9)

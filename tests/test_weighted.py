@@ -112,6 +112,7 @@ def test_forces_of_a_smooth_sphere_go_through_its_centre(cell):
     assert np.array(report.moment) == pytest.approx(lever, abs=1e-10 * np.linalg.norm(force))
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("cell", CELLS)
 def test_what_slides_everywhere_has_the_friction_of_its_load(cell):
     d = CELLS[cell]

@@ -5,28 +5,40 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+# First what may be missing: no other import must fail before with words that tell less.
+try:
+    from petsc4py import PETSc
+
+    import dolfinx
+except ImportError as error:
+    raise ImportError(
+        f"fenicsx_friction needs DOLFINx >= 0.11 with PETSc and petsc4py ({error}). pip does not "
+        "bring them: use the repository's `./container`, conda-forge (fenics-dolfinx) or "
+        "Debian/Ubuntu packages (python3-dolfinx)."
+    ) from error
+
+if tuple(int(part) for part in dolfinx.__version__.split(".")[:2]) < (0, 11):
+    raise ImportError(
+        f"fenicsx_friction needs DOLFINx >= 0.11 and found {dolfinx.__version__} in "
+        f"{Path(dolfinx.__file__).parent}."
+    )
+if PETSc.ScalarType().dtype != "float64":
+    raise ImportError(
+        f"fenicsx_friction needs a PETSc with real scalars of double precision, and found "
+        f"{PETSc.ScalarType().dtype}. Of conda-forge, take petsc=*=real*; of Debian, "
+        "python3-dolfinx-real; in the DOLFINx images, source dolfinx-real-mode."
+    )
+if not dolfinx.has_petsc4py:
+    raise ImportError("fenicsx_friction needs a DOLFINx that was built with petsc4py.")
+
 import numpy as np
 import numpy.typing as npt
 import ufl
-from ufl.algorithms import expand_derivatives
-
-try:
-    import dolfinx
-except ImportError as error:  # pragma: no cover - needs a machine without DOLFINx
-    raise ImportError(
-        "fenicsx_friction needs DOLFINx >= 0.11, which is not on PyPI: use the repository's "
-        "`./container`, conda-forge (fenics-dolfinx) or Debian/Ubuntu packages (python3-dolfinx)."
-    ) from error
-
 from dolfinx import fem, mesh
 from dolfinx.fem.forms import derivative_block
 from ffcx.codegeneration import jit
 from ffcx.ir import elementtables
-
-MINIMUM_DOLFINX = (0, 11)
-_found = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
-if _found < MINIMUM_DOLFINX:
-    raise ImportError(f"fenicsx_friction needs DOLFINx >= 0.11, found {dolfinx.__version__}.")
+from ufl.algorithms import expand_derivatives
 
 
 def _keep_quadrature_rules_apart() -> None:

@@ -18,11 +18,21 @@ class StepFailed(RuntimeError):
 
     Attributes:
         report: The :class:`~fenicsx_friction.increment.report.StepReport` of the failed step.
+        background: What a report of the failure needs: versions, settings, sizes. It ends the text.
     """
 
-    def __init__(self, message: str, report: object):
+    def __init__(self, message: str, report: object, background: str = "") -> None:
         super().__init__(message)
-        self.report = report
+        self.report, self.background = report, background
+
+    @property
+    def message(self) -> str:
+        """What went wrong, without the background."""
+        return super().__str__()
+
+    def __str__(self) -> str:
+        """Return message and background."""
+        return f"{self.message}\n{self.background}" if self.background else self.message
 
     def __reduce__(self) -> tuple[Callable[..., StepFailed], tuple[Any, ...], dict[str, Any]]:
         """Say how to copy it: without the constructor, which differs in derived classes."""

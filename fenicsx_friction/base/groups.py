@@ -3,8 +3,7 @@
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 Array = npt.NDArray[np.floating]
 Labels = npt.NDArray[np.int64]
@@ -12,8 +11,8 @@ Labels = npt.NDArray[np.int64]
 
 def connected(n: int, a: Labels, b: Labels) -> tuple[int, Labels]:
     """Return the number of connected parts of a graph, and the part of each vertex."""
-    graph = coo_array((np.ones(len(a)), (a, b)), shape=(n, n))
-    number, part = connected_components(graph.tocsr(), directed=False)
+    graph = scipy.sparse.coo_array((np.ones(len(a)), (a, b)), shape=(n, n))
+    number, part = scipy.sparse.csgraph.connected_components(graph.tocsr(), directed=False)
     return int(number), part.astype(np.int64)
 
 

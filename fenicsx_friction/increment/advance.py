@@ -14,6 +14,7 @@ from ..contact.checks import check_friction, check_metrics, check_normals
 from ..equations.body_equation import check_held
 from ..equations.conditions import with_conditions
 from . import others, snapshot
+from .background import background
 from .correctors import CONDENSED_FALLBACKS, FALLBACKS, Attempt
 from .diagnosis import explain, explain_not_finite
 from .predictor import contact_forces, soft_forces
@@ -76,7 +77,7 @@ def _advance(system: ContactSystem) -> StepReport:
     )
     failed.state.restore()
     if system.settings.raise_on_uncertified:
-        raise StepFailed(explain(system, report, failed.crossed), report)
+        raise StepFailed(explain(system, report, failed.crossed), report, background(system))
     return report
 
 

@@ -28,20 +28,28 @@ class StepperFailed(StepFailed):
     """
 
     def __init__(
-        self, message: str, report: object, time: float, failed: tuple[FailedAttempt, ...]
+        self,
+        message: str,
+        report: object,
+        time: float,
+        failed: tuple[FailedAttempt, ...],
+        background: str = "",
     ) -> None:
-        super().__init__(message, report)
+        super().__init__(message, report, background)
         self.time, self.failed = time, failed
 
 
 class Inaccurate(StepFailed):
     """The step-doubling error is beyond the tolerance."""
 
-    def __init__(self, error: float, tolerance: float, report: object) -> None:
+    def __init__(
+        self, error: float, tolerance: float, report: object, background: str = ""
+    ) -> None:
         super().__init__(
             f"The tractions of one step and of two half steps differ by {error:.2e}, relative "
             f"(tolerance {tolerance:.0e}).",
             report,
+            background,
         )
         self.error = error
 
@@ -63,7 +71,7 @@ def explain(
         *cycling,
         "The last attempt:",
         # The path has followed that advice already.
-        *(f"  {line}" for line in str(failure).splitlines() if line != SMALLER_STEP),
+        *(f"  {line}" for line in failure.message.splitlines() if line != SMALLER_STEP),
         INACCURATE_ADVICE if isinstance(failure, Inaccurate) else FAILURE_ADVICE,
     ]
     return "\n".join(lines)

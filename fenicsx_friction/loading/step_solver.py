@@ -10,6 +10,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..base.collective import on_all_ranks
+from ..increment.background import background
 from ..increment.report import StepReport
 from ..increment.snapshot import ProblemSnapshot
 from ..problem import FrictionalContactProblem
@@ -94,7 +95,7 @@ class StepSolver:
             tractions.append(self._tractions())
         error = doubling_error(self.problem.comm, *tractions)
         if error > tolerance:
-            raise Inaccurate(error, tolerance, halves[-1].report)
+            raise Inaccurate(error, tolerance, halves[-1].report, background(self.problem))
         return [replace(half, error=error) for half in halves]
 
     def relax(self, begin: float, goal: float) -> SolvedStep:

@@ -173,7 +173,7 @@ class LoadStepper:
             try:
                 solved = self._solver.attempt(self.time, goal, last, self._size.tolerance)
             except StepFailed as failure:
-                failed += (FailedAttempt(goal, step, str(failure).split(";")[0]),)
+                failed += (FailedAttempt(goal, step, failure.message.split(";")[0]),)
                 self._solver.go_back(self.time, last, together=True)
                 if self._size.is_smallest(step):
                     # Relaxation finds a solution where none is near; an inaccurate step has one.
@@ -244,4 +244,6 @@ class LoadStepper:
         # The nodes of a step that was solved, but not closely enough, do not cycle.
         cycling = [] if isinstance(failure, Inaccurate) else self._solver.watch.lines()
         message = explain(failure, failed, last, cycling)
-        raise StepperFailed(message, failure.report, self.time, failed) from failure
+        raise StepperFailed(
+            message, failure.report, self.time, failed, failure.background
+        ) from failure

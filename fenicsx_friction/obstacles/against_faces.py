@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
+import scipy
 from dolfinx import fem
 
 from ..base.errors import ContactInputError

@@ -14,9 +14,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse
+import scipy
 from dolfinx import fem
-from scipy.spatial import cKDTree
 
 from ..surfaces.face_cells import Array
 from ..surfaces.faces import Faces
@@ -183,7 +182,7 @@ def _candidates(faces: Faces, motion: Motion) -> Iterator[tuple[Indices, Indices
     )
     size = radius * (1.0 + LEAVE) + np.linalg.norm(centers[1] - centers[0], axis=1) / 2.0
     middle = (centers[0] + centers[1]) / 2.0
-    tree = cKDTree(middle)
+    tree = scipy.spatial.cKDTree(middle)
     nodes = np.arange(len(motion.x[0]))
     for start in range(0, len(nodes), BLOCK):
         block = nodes[start : start + BLOCK]

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
+import scipy
 
 from .facing import Facing
 from .segments import Segments

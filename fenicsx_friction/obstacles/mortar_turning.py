@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
+import scipy
 
 from .facing import Facing
 from .mortar_groups import Groups, summed

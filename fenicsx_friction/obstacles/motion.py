@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from scipy.spatial.transform import Rotation
 from ufl.core.expr import Expr
 
 from ..base.errors import ContactInputError
@@ -212,7 +212,8 @@ class RigidMotion(Motion):
         """Return the rotation matrix of an angle."""
         d = len(self.center)
         axis = self._axis if d == 3 else np.array([0.0, 0.0, 1.0])
-        return np.asarray(Rotation.from_rotvec(angle * axis).as_matrix()[:d, :d])
+        rotation = scipy.spatial.transform.Rotation.from_rotvec(angle * axis)
+        return np.asarray(rotation.as_matrix()[:d, :d])
 
     def commit(self) -> None:
         """Make the present position that of the last accepted step."""

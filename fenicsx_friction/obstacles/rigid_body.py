@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, mesh
-from scipy.spatial.transform import Rotation
 from ufl.core.expr import Expr
 
 from ..base.compilation import compiled
@@ -18,7 +17,7 @@ from ..base.errors import ContactInputError
 from ..base.validators import shown, text, vector
 from ..surfaces.cells import extent
 from .motion import Motion
-from .rotations import cayley_vector, cross_matrix, turned_by, turned_in_plane
+from .rotations import as_rotation, cayley_vector, cross_matrix, turned_by, turned_in_plane
 
 Array = npt.NDArray[np.floating]
 
@@ -231,7 +230,7 @@ class RigidBody(Motion):
         """Return the rotation (rad): the angle in 2D, the rotation vector in 3D."""
         if len(self.center) == 2:
             return self.q.x.array[2:].copy()
-        return np.asarray(Rotation.from_matrix(np.eye(3) + self.turned_by()).as_rotvec())
+        return np.asarray(as_rotation(np.eye(3) + self.turned_by()).as_rotvec())
 
     def commit(self) -> None:
         """Make the present position that of the last accepted step."""
@@ -239,7 +238,7 @@ class RigidBody(Motion):
         if len(self.center) == 2:
             self._old_angle.value = self.q.x.array[2]
             return
-        matrix = Rotation.from_matrix(np.eye(3) + self.turned_by()).as_matrix()
+        matrix = as_rotation(np.eye(3) + self.turned_by()).as_matrix()
         self._old_turned.value = matrix - np.eye(3)
         self.q.x.array[3:] = 0.0  # the next step's
 

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
+import scipy
 import ufl
-from scipy.spatial.transform import Rotation
 from ufl.core.expr import Expr
 
 Array = npt.NDArray[np.floating]
@@ -44,12 +46,17 @@ def cayley_vector(old: Array, given: Array, held: npt.NDArray[np.bool_]) -> Arra
         given: Rotation vector of the whole.
         held: Which components are given.
     """
-    start = Rotation.from_matrix(old)
+    start = as_rotation(old)
     wanted = nearest(start.as_rotvec(), given, held)
     wanted[held] = given[held]
-    way = (Rotation.from_rotvec(wanted) * start.inv()).as_rotvec()
+    way = (scipy.spatial.transform.Rotation.from_rotvec(wanted) * start.inv()).as_rotvec()
     angle = float(np.linalg.norm(way))
     return np.asarray(way * (2.0 * np.tan(angle / 2.0) / angle if angle > 0.0 else 1.0))
+
+
+def as_rotation(matrix: Array) -> Any:
+    """Return SciPy's rotation of a matrix, made orthonormal."""
+    return scipy.spatial.transform.Rotation.from_matrix(matrix)
 
 
 def turned_by(angle: float) -> Array:

@@ -7,7 +7,7 @@ from numbers import Real
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
+import scipy
 
 from ..base.errors import ContactInputError
 from ..surfaces.face_cells import Array, blend, distances, normals, project, shape_matrix
@@ -150,7 +150,7 @@ def nearest_faces(faces: Faces, face_x: Array, x: Array) -> Nearest:
         x: Positions of the nodes (m).
     """
     center, radius = balls(face_x[faces.faces])
-    tree = cKDTree(center)
+    tree = scipy.spatial.cKDTree(center)
     i, f = flat(tree.query_ball_point(x, tree.query(x)[0] + np.max(radius)))
     return _nearest(faces, face_x, x, i, f)
 
@@ -208,7 +208,7 @@ def _candidates(
     """
     corners = face_x[faces.faces]
     center, radius = balls(corners)
-    tree, reach = cKDTree(center), policy.distance(faces) + np.max(radius)
+    tree, reach = scipy.spatial.cKDTree(center), policy.distance(faces) + np.max(radius)
     middle = np.tile(faces.cell.center, (len(corners), 1))
     normal = normals(faces.cell, corners, middle)
     none = np.zeros(0, dtype=np.int64)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
+import scipy
 
 from ..surfaces.face_tables import normals_of
 from .clipping import common_points, sizes
@@ -109,9 +109,8 @@ class _Sight:
         # Within reach across the plane, and within both balls along it.
         both = own[1][mine] + np.max(other[1])
         radius = np.hypot(reach + both, both)
-        i, meets = flat(
-            cKDTree(other[0]).query_ball_point(own[0][mine], radius, return_sorted=True)
-        )
+        tree = scipy.spatial.cKDTree(other[0])
+        i, meets = flat(tree.query_ball_point(own[0][mine], radius, return_sorted=True))
         patch = mine[i]
         outward = outward_normals(self._primary, self._x[1])
         facing = np.sum(planes.normal[patch] * outward[meets], axis=1) > FACING

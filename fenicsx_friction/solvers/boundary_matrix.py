@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack, lstsq
+import scipy
 
 from .eliminated import Block, Elements, EliminatedMultipliers, KnownDirections
 
@@ -90,8 +90,8 @@ class BoundaryMatrix:
             self._singular = False
             return
         # LAPACK counts by columns: the transpose needs no copy.
-        self._lu, self._pivots, info = lapack.dgetrf(matrix.T, overwrite_a=True)
-        rcond = lapack.dgecon(self._lu, 1.0)[0] if info == 0 and self._finite else 0.0
+        self._lu, self._pivots, info = scipy.linalg.lapack.dgetrf(matrix.T, overwrite_a=True)
+        rcond = scipy.linalg.lapack.dgecon(self._lu, 1.0)[0] if info == 0 and self._finite else 0.0
         self._singular = not rcond > SINGULAR
 
     def _remaining(self) -> Array:
@@ -149,8 +149,9 @@ class BoundaryMatrix:
         if not right.size:
             return right
         if self._singular:
-            return np.asarray(lstsq(self._remaining(), right, lapack_driver="gelsy")[0])
-        return np.asarray(lapack.dgetrs(self._lu, self._pivots, right, trans=1)[0])
+            matrix = self._remaining()
+            return np.asarray(scipy.linalg.lstsq(matrix, right, lapack_driver="gelsy")[0])
+        return np.asarray(scipy.linalg.lapack.dgetrs(self._lu, self._pivots, right, trans=1)[0])
 
     def _forces(self, x: Array) -> Array:
         """Return the forces of the bulk, and of the elements but for their multipliers."""

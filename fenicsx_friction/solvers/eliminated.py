@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
+import scipy
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -103,14 +103,14 @@ class EliminatedMultipliers:
         values = np.where(self.q >= 0, x[self.q], 0.0)
         return np.asarray(np.einsum("nij,nj->ni", self.slopes_of_q, values))
 
-    def reactions(self, size: int) -> csr_array:
+    def reactions(self, size: int) -> scipy.sparse.csr_array:
         """Return what a force on each own dof does to the forces on the others."""
         own = np.arange(self.own.size).reshape(self.own.shape)
         i = np.broadcast_to(self.others[:, :, None], self._forces.shape)
         j = np.broadcast_to(own[:, None, :], self._forces.shape)
         there = i >= 0
         shape = (size, self.own.size)
-        return csr_array((self._forces[there], (i[there], j[there])), shape=shape)
+        return scipy.sparse.csr_array((self._forces[there], (i[there], j[there])), shape=shape)
 
     def alone(self) -> npt.NDArray[np.bool_]:
         """Tell which rows of the law contain displacements of their own node only."""

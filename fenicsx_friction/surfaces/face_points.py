@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
+import scipy
 import ufl
 from dolfinx import fem
 from ufl.algorithms.analysis import extract_type

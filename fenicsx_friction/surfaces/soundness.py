@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+import scipy
 
 from .face_cells import Array
 
@@ -101,10 +99,10 @@ def cleaned(
 def _merged(points: Array, faces: Indices) -> tuple[Array, Indices]:
     """Make one of points at the same place."""
     extent = float(np.max(np.ptp(points, axis=0), initial=0.0))
-    pairs = cKDTree(points).query_pairs(SAME * extent, output_type="ndarray")
+    pairs = scipy.spatial.cKDTree(points).query_pairs(SAME * extent, output_type="ndarray")
     n = len(points)
-    same = coo_matrix((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(n, n))
-    _, group = connected_components(same, directed=False)
+    same = scipy.sparse.coo_matrix((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(n, n))
+    _, group = scipy.sparse.csgraph.connected_components(same, directed=False)
     _, first, inverse = np.unique(group, return_index=True, return_inverse=True)
     return points[first], inverse[faces]
 
@@ -148,10 +146,12 @@ def _flipped(
     turned = np.where(agree, 0, n)
     both = np.concatenate([[a, b + turned], [a + n, b + n - turned]], axis=1)
     graph = [
-        coo_matrix((np.ones(ends.shape[1], dtype=bool), ends), shape=(size, size))
+        scipy.sparse.coo_matrix((np.ones(ends.shape[1], dtype=bool), ends), shape=(size, size))
         for ends, size in ((np.stack([a, b]), n), (both, 2 * n))
     ]
-    (parts, part), (_, alike) = (connected_components(g, directed=False) for g in graph)
+    (parts, part), (_, alike) = (
+        scipy.sparse.csgraph.connected_components(g, directed=False) for g in graph
+    )
     plain = alike[:n]
     # The layer part that holds most faces of a part as they are wins; the first one of two equals.
     count = np.bincount(plain, minlength=2 * n)
