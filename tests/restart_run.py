@@ -213,7 +213,7 @@ def some(folder):
 
 
 def kill_path(folder):
-    """Kill a run 20 times at random moments, resume it; it ends as the one that was not killed."""
+    """Kill a run ten times at random moments, resume it; it ends as the one that was not killed."""
     comm = MPI.COMM_SELF
     for name in ("whole", "killed"):
         (folder / name).mkdir()
@@ -223,7 +223,7 @@ def kill_path(folder):
     duration = time.perf_counter() - start
     random.seed(2)
     kills, middle = 0, 0
-    while kills < 20:
+    while kills < 10:
         pid = child(lambda: path_run(comm, "killed_", folder / "killed"))
         time.sleep(random.uniform(0.0, 0.3) * duration)
         os.kill(pid, signal.SIGKILL)

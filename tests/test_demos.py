@@ -202,18 +202,26 @@ def test_a_strip_is_drawn_over_a_die_and_springs_back(tmp_path):
     assert all((tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("loop", "strip"))
 
 
-@pytest.mark.parametrize("mu", ["0", pytest.param("0.5", marks=pytest.mark.weekly)])
-def test_axisymmetric_spheres_are_near_the_limit(mu, tmp_path):
+@pytest.mark.parametrize(
+    ("mu", "end"),
+    [
+        ("0", 7.5),
+        pytest.param("0", 9.0, marks=pytest.mark.weekly),
+        pytest.param("0.5", 9.0, marks=pytest.mark.weekly),
+    ],
+)
+def test_axisymmetric_spheres_are_near_the_limit(mu, end, tmp_path):
     """Past both snaps, on a mesh two thirds as fine as that of the demo."""
     done = run(DEMOS / "demo_axisymmetric_spheres.py", "--mu", mu, "--along", 40, "--step", 0.25,
-               "--end", 9, "--output", tmp_path)  # fmt: skip
+               "--end", end, "--output", tmp_path)  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     table = rows(tmp_path / "force.csv")
     assert max(float(row["certificate"]) for row in table) < 1e-9
     u, force = (np.array([float(r[key]) for r in table]) for key in ("displacement_mm", "force_N"))
     lines = (DEMOS / "data" / "concentric_spheres_limit.csv").read_text().splitlines()[1:]
     limit = {float(r["u_mm"]): r[f"mu{mu.replace('.', '')}"] for r in csv.DictReader(lines)}
-    for place in (2.0, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0, 8.5, 9.0):
+    places = np.array([2.0, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0, 8.5, 9.0])
+    for place in places[places <= end]:
         assert np.interp(place, u, force) == pytest.approx(float(limit[place]), rel=0.03)
     assert all((tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("force", "shapes"))
 
