@@ -147,6 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--end", type=float, default=9.5, help="displacement (mm)")
     parser.add_argument("--step", type=float, default=0.1, help="largest step (mm)")
     parser.add_argument("--output", type=Path, default=Path("results/axisymmetric_spheres"))
+    parser.add_argument("--movie", action="store_true", help="draw all steps as a GIF, too")
     given = parser.parse_args(arguments)
     problem, motion, relaxation = build(given.mu, given.along)
     results = ff.Results(problem, given.output)
@@ -181,6 +182,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         draw_force(table, given.mu, given.output / "force.png")
         steps = {row["displacement_mm"]: step for step, row in enumerate(rows)}
         draw_shapes(given.output, {d: steps[d] for d in SHOWN if d in steps})
+        if given.movie:
+            ff.plot.movie(given.output, given.output / "spheres.gif")
 
 
 if __name__ == "__main__":

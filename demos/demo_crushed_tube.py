@@ -155,6 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--around", type=int, default=120, help="elements round the tube")
     parser.add_argument("--layers", type=int, default=4, help="elements through its wall")
     parser.add_argument("--end", type=float, default=END, help="way of each plate over the radius")
+    parser.add_argument("--movie", action="store_true", help="draw all steps as a GIF, too")
     given = parser.parse_args(arguments)
     problem, plates = build(given.around, given.layers)
     records = crush(ff.Results(problem, given.output), plates, given.end)
@@ -171,6 +172,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
           f"{np.hypot(*wall.force):.4f} N/mm between the walls; {wall.stick} nodes stick there, "
           f"{wall.slip} slip, {wall.open} are open")  # fmt: skip
     draw(given.output, records)
+    if given.movie:
+        ff.plot.movie(given.output, given.output / "tube.gif", fps=5)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from .base.errors import ContactInputError
 from .certificate.nodal_state import STATE_NAMES
-from .files.reading import BULK, fields, nodes_of, table
+from .files.reading import BULK, fields, nodes_of, num_steps, table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -156,14 +156,59 @@ def deformed(
     import pyvista
 
     grid = fields(folder, BULK, step)
-    flat = not np.any(grid.points[:, 2]) and not np.any(grid["displacement"][:, 2])
-    grid = grid.warp_by_vector("displacement", factor=factor)
     plotter = pyvista.Plotter(off_screen=file is not None)
-    _draw(plotter, grid, scalars=scalars)
-    if flat:
+    _draw(plotter, grid.warp_by_vector("displacement", factor=factor), scalars=scalars)
+    if _flat(grid):
         plotter.view_xy()
     plotter.camera.zoom(0.9)
     return _shot(plotter, file)
+
+
+def movie(
+    folder: Folder,
+    file: Folder,
+    *,
+    factor: float = 1.0,
+    scalars: str = "displacement",
+    fps: int = 10,
+) -> None:
+    """Draw the deformed bodies step by step as a GIF: camera and colours stay.
+
+    Args:
+        folder: Folder of the results.
+        file: The picture, ``*.gif``.
+        factor: Magnifies the displacement.
+        scalars: The field that colours; of vectors, the length.
+        fps: Steps a second.
+
+    Raises:
+        ContactInputError: If the name of the file does not end with ``.gif``.
+    """
+    import pyvista
+
+    if not str(file).endswith(".gif"):
+        raise ContactInputError(f"file = {str(file)!r} must end with .gif.")
+    grids = [fields(folder, BULK, step) for step in range(num_steps(folder))]
+    frames = [grid.warp_by_vector("displacement", factor=factor) for grid in grids]
+    sizes = [np.linalg.norm(grid[scalars].reshape(grid.n_points, -1), axis=1) for grid in frames]
+    boxes = np.array([frame.bounds for frame in frames])
+    limits = (float(np.min(np.concatenate(sizes))), float(np.max(np.concatenate(sizes))))
+    plotter = pyvista.Plotter(off_screen=True)
+    plotter.open_gif(str(file), fps=fps)
+    for frame in frames:
+        plotter.clear_actors()
+        _draw(plotter, frame, scalars=scalars, clim=limits)
+        if _flat(grids[-1]):
+            plotter.view_xy()
+        low, high = boxes[:, 0::2].min(axis=0), boxes[:, 1::2].max(axis=0)
+        plotter.reset_camera(bounds=np.column_stack([low, high]).ravel())
+        plotter.write_frame()
+    plotter.close()
+
+
+def _flat(grid: Any) -> bool:
+    """Tell whether bodies are in the plane, and stay there."""
+    return not np.any(grid.points[:, 2]) and not np.any(grid["displacement"][:, 2])
 
 
 def _draw(plotter: Plotter, grid: Any, **options: Any) -> None:

@@ -10,6 +10,7 @@ import pytest
 import pyvista
 import ufl
 from dolfinx import fem
+from PIL import Image
 
 import fenicsx_friction as ff
 from fenicsx_friction.files import series
@@ -276,6 +277,13 @@ def test_pictures(folder):
     two.write(1.0, flat.problem.solve())
 
     def check():
+        ff.plot.movie(folder, folder / "way.gif")
+        with Image.open(folder / "way.gif") as frames:
+            assert frames.n_frames == len(ff.plot.table(folder)["time"])
+            first, last = (np.asarray(frames.convert("L")) for _ in map(frames.seek, (0, 3)))
+        assert np.count_nonzero(first != last) > 100
+        with pytest.raises(ff.ContactInputError, match="must end with"):
+            ff.plot.movie(folder, folder / "way.mp4")
         table = ff.plot.table(folder)
         axes = ff.plot.curve(folder, "force_x", lambda t: way(t)[0], file=folder / "c.png")
         x, y = axes.lines[0].get_data()

@@ -49,20 +49,30 @@ def fields(folder: Folder, name: str = BULK, step: int = -1) -> Any:
             later ones are ``name_2`` and so on.
         step: Index of the step among those written, the last one by default.
     """
-    import pyvista
-
-    path = Path(folder) / f"{file_name(name)}.pvd"
-    _require(path)
-    reader = pyvista.PVDReader(str(path))
+    reader = _series(folder, name)
     reader.set_active_time_value(reader.time_values[step])
     grid = reader.read()[0]
     grid.point_data["node"] = grid.point_data["vtkOriginalPointIds"]  # kept, unlike those
     return grid.extract_cells(np.flatnonzero(grid.cell_data["vtkGhostType"] == 0))
 
 
+def num_steps(folder: Folder) -> int:
+    """Return how many steps of the bulk are written."""
+    return len(_series(folder, BULK).time_values)
+
+
 def nodes_of(grid: Any) -> Array:
     """Return the points of a grid, those that several ranks wrote once."""
     return np.unique(grid["node"], return_index=True)[1]
+
+
+def _series(folder: Folder, name: str) -> Any:
+    """Return what reads a series of fields."""
+    import pyvista
+
+    path = Path(folder) / f"{file_name(name)}.pvd"
+    _require(path)
+    return pyvista.PVDReader(str(path))
 
 
 def _require(path: Path) -> None:
