@@ -1,16 +1,23 @@
 """Surfaces that meet themselves: as two contacts, as half of a symmetric body, and never wrong."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
+from bodies import box, joined
 from fenicsx_friction.obstacles import self_pairs
 from fenicsx_friction.obstacles.roles import Roles
 from fenicsx_friction.obstacles.self_pairs import Shape
-from folds import column, tube
+from folds import column, stored, tube
 
 #: Plates come closer by these parts of a radius; the inside of the tube meets itself near 0.82.
 COARSE = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.78, 0.82, 0.84, 0.86)
+#: Secondary and primary faces of a column, from below: those of the middle block are secondary.
+PAIRS = [(3, 2), (4, 5)]
 
 
 def path(d):
@@ -29,18 +36,14 @@ def crushed(model, places=COARSE):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("d", [2, 3])
-@pytest.mark.parametrize(
-    ("widths", "pairs"),
-    [((1.0, 1.0, 1.0), [(2, 3), (4, 5)]), ((1.5, 1.0, 1.5), [(3, 2), (4, 5)])],
-    ids=["even", "overhanging"],
-)
-def test_many_bodies_of_one_surface_are_as_many_contacts(d, widths, pairs):
-    """Where faces differ, those of wider blocks are larger, the finer ones are secondary."""
-    n = 4 if d == 2 else 2
+@pytest.mark.parametrize("widths", [(1.0, 1.0, 1.0), (1.5, 1.0, 1.5)], ids=["even", "overhanging"])
+def test_many_bodies_of_one_surface_are_as_many_contacts(d, widths):
+    """The block in the middle is secondary: in the mean, its faces are finest."""
+    n = 4 if d == 2 else 3
     together = column(d, "together_", widths=widths, n=n)
-    apart = column(d, "apart_", pairs=pairs, widths=widths, n=n)
+    apart = column(d, "apart_", pairs=PAIRS, widths=widths, n=n)
     slipped = 0
-    for way in list(path(d))[: None if d == 2 else 4]:
+    for way in list(path(d))[:: 1 if d == 2 else 3]:
         one, two = together.solve(*way), apart.solve(*way)
         for state in ("stick", "slip"):
             assert getattr(one.contacts[0], state) == sum(getattr(k, state) for k in two.contacts)
@@ -113,7 +116,7 @@ def test_thin_walls_do_not_meet_themselves():
 def test_thin_sheets_on_each_other_meet_only_their_neighbours():
     """Three sheets of a tenth of a face: the far sides of the outer ones are no penetration."""
     together = column(2, "sheets_", height=0.025)
-    apart = column(2, "sheets_apart_", height=0.025, pairs=[(2, 3), (4, 5)])
+    apart = column(2, "sheets_apart_", height=0.025, pairs=PAIRS)
     for way in ((0.0, -5e-4), (2e-4, -5e-4)):
         one, two = together.solve(*way), apart.solve(*way)
         assert one.contacts[0].open == 20
@@ -149,7 +152,7 @@ def test_a_run_from_a_checkpoint_goes_on_as_if_there_had_been_none(tmp_path):
 
 def test_nodes_of_both_sides_would_press_twice(monkeypatch):
     """Each place would be met from both sides: matching nodes make the same condition twice."""
-    monkeypatch.setattr(Roles, "secondary", lambda self, face, held: face >= 0)
+    monkeypatch.setattr(Roles, "secondary", lambda self, face, *_: face >= 0)
     model = column(2, "twice_")
     with pytest.raises(ff.StepFailed):
         model.solve(0.0, -0.05)
@@ -202,3 +205,63 @@ def test_nodes_that_change_roles_are_not_tied():
 def test_a_search_that_is_none_is_refused(search):
     with pytest.raises(ff.ContactInputError, match="must be a SearchPolicy, or None"):
         ff.SelfContact(search=search)
+
+
+# -- one block put on another ---------------------------------------------------------------------
+
+
+def put_on(prefix, n, beside, depth):
+    """Lift a block, carry it over the one beside it, press; return the force on it, and lips.
+
+    Args:
+        prefix: Of the PETSc options.
+        n: Elements along each block.
+        beside: Distance of the blocks in the undeformed mesh (m).
+        depth: How far the block is pressed (m).
+    """
+    shift = 1.0 + beside
+    low = box([0.0, 0.0], [1.0, 0.5], [n, 2], "quadrilateral")
+    high = box([shift, 0.0], [shift + 1.0, 0.5], [n, 2], "quadrilateral")
+    msh = joined(MPI.COMM_WORLD, low, high)
+    msh.topology.create_connectivity(1, 2)
+    facets = np.sort(mesh.exterior_facet_indices(msh.topology))
+    tags = mesh.meshtags(msh, 1, facets, np.ones_like(facets))
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    u, v, moved = fem.Function(V), ufl.TestFunction(V), fem.Function(V)
+    bottom = fem.locate_dofs_geometrical(V, lambda x: (x[0] < 1.0 + 1e-9) & (x[1] < 1e-9))
+    top = fem.locate_dofs_geometrical(V, lambda x: (x[0] > 1.0 + 1e-9) & (x[1] > 0.5 - 1e-9))
+    contact = ff.Contact(ff.ContactSurface(msh, tags, 1), ff.SelfContact(), ff.Coulomb(0.3))
+    residual = ufl.derivative(stored(u), u, v)
+    bcs = [fem.dirichletbc(fem.Function(V), bottom), fem.dirichletbc(moved, top)]
+    problem = ff.FrictionalContactProblem(
+        residual, u, bcs=bcs, contact=contact, petsc_options_prefix=prefix
+    )
+    across = 0.13 - shift
+    lift = [(0.0, 0.15 * k) for k in range(1, 5)]
+    carry = [(across * k / 8, 0.6) for k in range(1, 9)]
+    press = [(across, 0.51), *[(across, 0.5 - depth * k / 10) for k in range(11)]]
+    for way in lift + carry + press:
+        moved.x.array[:] = np.tile(way, len(moved.x.array) // 2)
+        assert problem.solve().certified
+    forces = fem.assemble_vector(fem.form(residual)).array.reshape(-1, 2)[top].sum(axis=0)
+    X = V.tabulate_dof_coordinates()[:, :2]
+    x, is_low = X + u.x.array.reshape(-1, 2), X[:, 0] < 1.0 + 1e-9
+    lips = [x[is_low & (X[:, 1] > 0.5 - 1e-9)], x[~is_low & (X[:, 1] < 1e-9)]]
+    return forces, [lip[np.argsort(lip[:, 0])] for lip in lips]
+
+
+@pytest.mark.parametrize("n", [4, 8], ids=["coarse", "fine"])
+def test_a_block_put_on_its_neighbour_is_met_as_one_from_far_away(n):
+    """At first its nodes are behind the planes of the faces that they will meet."""
+    near, _ = put_on("near_", n, 0.1, depth=0.02)
+    far, _ = put_on("far_", n, 5.0, depth=0.02)
+    assert near == pytest.approx(far, rel=1e-6)
+
+
+def test_where_roles_change_nothing_goes_through():
+    """Roles start from both ends of the block; a tenth of a face is what two surfaces allow."""
+    n = 16
+    _, (low, high) = put_on("roles_", n, 5.0, depth=0.2)
+    under = (high[:, 0] > 0.2) & (high[:, 0] < 0.9)
+    above = high[under, 1] - np.interp(high[under, 0], *low.T)
+    assert np.min(above) > -0.1 / n

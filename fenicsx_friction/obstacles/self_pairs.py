@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 from dolfinx import fem
 
 from ..surfaces.bodies import cells_at, number_bodies
@@ -16,7 +17,7 @@ from ..surfaces.face_cells import Array, blend, normals, shape_matrix
 from ..surfaces.faces import Faces, FaceSet
 from .face_pairs import FacePairs
 from .roles import Roles
-from .search import Pairs, SearchPolicy, balls
+from .search import Pairs, SearchPolicy, balls, flat
 from .side import Side
 
 Indices = npt.NDArray[np.int64]
@@ -25,12 +26,14 @@ Mask = npt.NDArray[np.bool_]
 #: Cosine of the normals of node and face up to which they face each other. A corner of a cube looks
 #: at faces with -0.58; what lies on a face beside the foot of a wall does not meet the wall.
 FACING = -0.3
-#: A node is behind a face from this fraction of a face on: in the undeformed mesh one of its body,
+#: A node is behind a face of its body, in the undeformed mesh, from this fraction of a face on.
 BEHIND_AT_FIRST = 1e-6
-#: one of another body (faces of curved bodies that touch overlap),
-OVERLAP = 0.05
-#: and any at the last accepted displacement.
+#: It is behind any face, at the last accepted displacement, from this fraction of a face on, ...
 BEHIND = 0.2
+#: ... or of its body's wall: behind the wall may be another one.
+HALF = 0.5
+#: Bodies may overlap in the undeformed mesh by this fraction of a face: curved ones that touch do.
+OVERLAP = 0.05
 
 #: Cosine of the normals of node and face from which on both are on one smooth, convex side, where
 #: a node is behind the planes of the faces beside it.
@@ -72,13 +75,30 @@ class Shape:
         close = np.linalg.norm(way, axis=1) <= self.radius[f] + near
         return np.asarray(away & close & (np.sum(self.normal[f] * way, axis=1) < -tolerance))
 
+    def walls(self, body: Indices, of_face: Indices, near: float) -> Array:
+        """Return the thickness of the body's wall at each node (m), infinite if it is thick.
+
+        Args:
+            body: Body of each node.
+            of_face: Body of each face.
+            near: Up to which thickness (m).
+        """
+        result = np.full(len(self.x), np.inf)
+        tree = scipy.spatial.cKDTree(self.center)
+        i, f = flat(tree.query_ball_point(self.x, near + np.max(self.radius)))
+        opposed = np.sum(self.normal[f] * self.directions[i], axis=1) < FACING
+        through = opposed & (body[i] == of_face[f]) & self.behind(i, f, 0.0, near)
+        depth = -np.sum(self.normal[f] * (self.x[i] - self.center[f]), axis=1)
+        np.minimum.at(result, i[through], depth[through])
+        return result
+
 
 class SelfPairs(FacePairs):
     """The pairs of nodes and faces of one surface that meets itself, within a step.
 
     A node meets no face that it belongs to, none that stands across its way, and none on the far
-    side of a body: none that it was behind in the undeformed mesh or, well behind, at the last
-    accepted displacement.
+    side of a body: none of its own that it was behind in the undeformed mesh, and none at all that
+    it was well behind at the last accepted displacement.
 
     Args:
         faces: The faces of the surface.
@@ -94,10 +114,12 @@ class SelfPairs(FacePairs):
     _STATE = (*FacePairs._STATE, "before", "_accepted")
 
     def __init__(self, faces: Faces, secondary: FaceSet, policy: SearchPolicy, side: Side) -> None:
-        self._roles, self._made = Roles(faces), Shape.of(faces, secondary.X)
+        self._made = Shape.of(faces, secondary.X)
         dofs = side.parent_dofs[: side.surface.num_owned]
         self._bodies = number_bodies(side.u.function_space)[1]
         self._body = secondary.gather(self._bodies[dofs])
+        self._roles, near = Roles(faces, self._body), 2.0 * policy.distance(faces)
+        self._wall = self._made.walls(self._body, self._body[faces.faces[:, 0]], near)
         super().__init__(faces, secondary, policy, side)
 
     def anchor(self) -> None:
@@ -125,9 +147,9 @@ class SelfPairs(FacePairs):
         own = np.any(corners == node[:, None], axis=1)
         aside = np.sum(self._now.normal[f] * self._now.directions[node], axis=1) > FACING
         one_body = self._body[node] == self._body[corners[:, 0]]
-        tolerance = np.where(one_body, BEHIND_AT_FIRST, OVERLAP) * size
-        behind = self._made.behind(node, f, tolerance, near)
-        return ~(own | aside | behind | self._accepted.behind(node, f, BEHIND * size, near))
+        behind = one_body & self._made.behind(node, f, BEHIND_AT_FIRST * size, near)
+        deep = np.minimum(BEHIND * size, HALF * self._wall[node])
+        return ~(own | aside | behind | self._accepted.behind(node, f, deep, near))
 
     def _find(
         self,
@@ -141,7 +163,9 @@ class SelfPairs(FacePairs):
         found = super()._find(u, held, last, keep)
         self._seen = found.face
         before = self._pressed(found) if last is None else last.paired
-        of_all = (self._secondary.gather(values) for values in (found.face, before))
+        inside = self._faces.cell.inside(found.xi)
+        parts = (found.face, shape_matrix(self._faces.cell, inside), before)
+        of_all = map(self._secondary.gather, parts)
         secondary = self._roles.secondary(*of_all)[self._secondary.own]
         return Pairs(np.where(secondary, found.face, -1), found.xi)
 

@@ -229,8 +229,12 @@ def _copied_schur(library: ctypes.CDLL, factor: PETSc.Mat, size: int) -> Array:
 
 
 def _petsc() -> ctypes.CDLL | None:
-    """Return PETSc's library, ``None`` if it lacks what is called here or has other numbers."""
-    library = ctypes.CDLL(None)
+    """Return PETSc's library, ``None`` if it lacks what is called here or has other numbers.
+
+    Its functions are found by way of petsc4py's module, which is linked with it: only some programs
+    happen to have them among the symbols that all modules share.
+    """
+    library = ctypes.CDLL(PETSc.__file__)
     numbers = PETSc.ScalarType == np.float64 and PETSc.IntType == np.int32
     return library if numbers and hasattr(library, "MatFactorCreateSchurComplement") else None
 
