@@ -8,7 +8,7 @@ BENCHMARKS = block_cost deformable_cost multigrid_cost raous_cost
 # Ranks that wait yield: a busy machine would have none left for those that work.
 RANKS = env OMPI_MCA_mpi_yield_when_idle=1 mpirun
 
-.PHONY: help demo test test-quick check serial ranks weekly benchmarks coverage lint \
+.PHONY: help demo docs test test-quick check serial ranks weekly benchmarks coverage lint \
 	format package getfem clean
 
 help:  ## show the targets
@@ -54,6 +54,10 @@ package:  ## sdist and wheel in dist/, checked
 	$(RUN) python3 -m build --no-isolation
 	$(RUN) sh -c 'twine check --strict dist/*'
 
+docs:  ## the documentation, in docs/_build/html; the first time it runs all demos, 6 to 15 minutes
+	$(RUN) python3 -m sphinx -b html -W --keep-going docs docs/_build/html
+	@echo "Open docs/_build/html/index.html"
+
 lint:  ## style and types only
 	$(RUN) ruff check .
 	$(RUN) ruff format --check .
@@ -68,5 +72,5 @@ getfem:  ## a step beside GetFEM's, which is installed for this run
 	>/dev/null && python3 benchmarks/getfem_raous.py'
 
 clean:  ## remove results and caches from this folder
-	rm -rf results build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf results docs/_build build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -70,9 +70,8 @@ from mpi4py import MPI
 import numpy as np
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from dolfinx.la import InsertMode
 
-import raous_pictures as pictures
+import raous_figures as figures
 import raous_results as results
 import raous_terminal as terminal
 from fenicsx_friction import (
@@ -85,14 +84,10 @@ from fenicsx_friction import (
     StepFailed,
     StepSettings,
     bulk,
-    laws,
 )
-from fenicsx_friction.contact.slip_corrector import freeze_stick
-from fenicsx_friction.verification.exact import ExactReference
-from fenicsx_friction.verification.soclcp import NoExactSolution
-from raous_options import Options, parse_options
+from raous_exact import Exact
+from raous_options import LENGTH, Options, parse_options
 
-LENGTH = 0.04  # m
 BASE, FLANK, TOP, SYMMETRY = 1, 2, 3, 4
 # -
 
@@ -218,38 +213,6 @@ def create_problem(
 # difference is an error of the algorithm alone. It lives on rank 0, on a mesh of its own.
 
 
-class Exact:
-    """The exact solution beside a history, until an increment has none."""
-
-    def __init__(self, options: Options) -> None:
-        self.block = create_problem(MPI.COMM_SELF, options, "raous_exact_")
-        self.reference: ExactReference | None = ExactReference(self.block.problem)
-        self.scales = (0.0, 0.0)
-
-    def advance(self, options: Options, factors: tuple[float, float]) -> results.ContactLine | None:
-        """Return the exact contact line of the next increment."""
-        if self.reference is None:
-            return None
-        self.block.load(options, factors)
-        try:
-            solution = self.reference.advance()
-        except NoExactSolution:
-            self.reference = None
-            return None
-        largest = (float(np.max(abs(solution.c))), float(np.max(abs(solution.u))))
-        self.scales = (max(self.scales[0], largest[0]), max(self.scales[1], largest[1]))
-        return results.exact_line(self.block.problem.contacts[0], solution)
-
-
-def symmetry_reaction(problem: FrictionalContactProblem) -> float:
-    """Return the force of the symmetry plane on the body (N per metre of depth)."""
-    residual = fem.assemble_vector(fem.form(problem.bulk))
-    residual.scatter_reverse(InsertMode.add)
-    (bc,) = problem.bcs
-    dofs, owned = bc.dof_indices()
-    return float(problem.comm.allreduce(residual.array[dofs[:owned]].sum(), MPI.SUM))
-
-
 def solve_history(
     block: Block, exact: Exact | None, options: Options
 ) -> tuple[list[results.Increment], str]:
@@ -269,7 +232,7 @@ def solve_history(
                 factors,
                 report,
                 results.gather_line(problem, problem.accepted[0]),
-                symmetry_reaction(problem),
+                results.symmetry_reaction(problem),
                 exact.advance(options, factors) if exact else None,
                 exact.scales if exact else (0.0, 0.0),
             )
@@ -277,84 +240,35 @@ def solve_history(
     return increments, ""
 
 
-# ## Figures 2 and 3: the smoothed normal law
+# ## Figures 2, 3 and 7
 #
-# The curves are values of the package's own UFL function, compiled like the contact equations.
-# With $y = r_p g - c_n$ the normal equation says $r_p g = \langle y\rangle_\varepsilon$: each
-# curve of figure 3 is traced by $y$, without solving for $c_n$.
-
-
-def smoothed_ramp(y: np.ndarray, eps: float) -> np.ndarray:
-    """Return ``<y>_eps`` at the points of the uniform grid ``y`` (Pa)."""
-    line = mesh.create_interval(MPI.COMM_SELF, 1, (y[0], y[-1]))
-    argument = ufl.SpatialCoordinate(line)[0]
-    smoothing = fem.Constant(line, default_scalar_type(eps))
-    points = np.linspace(0.0, 1.0, len(y))[:, None]
-    expression = fem.Expression(laws.ramp(argument, smoothing), points, comm=MPI.COMM_SELF)
-    return expression.eval(line, np.array([0], dtype=np.int32)).reshape(-1)
-
-
-def draw_laws(options: Options, r_p: float) -> None:
-    """Draw figures 2 and 3 for values of ``eps`` between 0 and half the top pressure."""
-    y = np.linspace(-1.5, 1.5, 601) * options.top_pressure
-    levels = [factor * options.top_pressure for factor in (0.4, 0.2, 0.1, 0.02, 0.0)]
-    ramps = {eps: smoothed_ramp(y, eps) for eps in levels}
-    pictures.draw_ramp(options.output / "figure_2_ramp.png", {e: (y, r) for e, r in ramps.items()})
-    normal = {eps: (ramp / r_p, ramp - y) for eps, ramp in ramps.items()}
-    pictures.draw_normal_law(options.output / "figure_3_normal_law.png", normal, r_p)
-
-
-# ## Figure 7: convergence with $\xi$
+# The curves of figures 2 and 3 are values of the package's own UFL function, compiled like the
+# contact equations. With $y = r_p g - c_n$ the normal equation says
+# $r_p g = \langle y\rangle_\varepsilon$: each curve of figure 3 is traced by $y$, without solving
+# for $c_n$.
 #
-# For this figure the demo takes the corrector into its own hands. All closed nodes get slip rows,
+# For figure 7 the demo takes the corrector into its own hands. All closed nodes get slip rows,
 # as the paper prints it, the normal law is exact ($\varepsilon = 0$), and $\xi$ passes through
 # given values in one increment from zero to the full load. At finite $\xi$ a sticking node creeps
 # by $\xi V_0/(1-\xi)$: along the stick force with the sign `-`, against it with `+`. The error of
 # the tangential stress is therefore proportional to $\xi$, at $\xi = 10^{-7}$ some $10^{-8}$ of
 # the largest stress, which confirms the paper's remark on its figure 7.
 
-LEVELS = (1.0, 0.9, 0.8, 0.7, 0.5, 0.3, 0.2, 0.1, 0.03, *(10.0**-k for k in range(2, 10)), 0.0)
 
-
-def ramp_levels(options: Options, sign: int) -> dict[float, results.ContactLine]:
-    """Return the contact line after each value of ``xi`` that Newton's method reached."""
-    settings = StepSettings(corrector="ramp", ramp_nodes="all", ramp_sign=sign)
-    block = create_problem(MPI.COMM_SELF, options, f"raous_ramp_{sign}_", settings)
-    problem, (contact,) = block.problem, block.problem.contacts
-    block.load(options, (1.0, 1.0))
-    forces = LENGTH * (abs(options.lateral_pressure) + options.top_pressure)
-    problem.run(problem.stick, 1e-6 * forces, max_it=2)
-
-    freeze_stick(contact, violated_only=False)
-    lines: dict[float, results.ContactLine] = {}
-    for xi in LEVELS:
-        if problem.run(problem.slip, 1e-12 * forces, xi=xi).converged:
-            lines[xi] = results.gather_line(problem, problem.nodal_states()[0])
-    return lines
+def ramps(options: Options) -> dict[int, Block]:
+    """Return problems with the paper's corrector at all nodes, for each sign in eq. (12)."""
+    return {
+        sign: create_problem(
+            MPI.COMM_SELF,
+            options,
+            f"raous_ramp_{sign}_",
+            StepSettings(corrector="ramp", ramp_nodes="all", ramp_sign=sign),
+        )
+        for sign in (1, -1)
+    }
 
 
 # ## All together
-
-
-def write_results(
-    options: Options, increments: Sequence[results.Increment], cells: tuple, r_p: float
-) -> None:
-    """Write tables and pictures; rank 0 only."""
-    folder = options.output
-    results.write_summary(folder / "summary.json", options, increments)
-    results.write_contact_lines(folder / "contact_line.csv", increments)
-    last = increments[-1]
-    with terminal.drawing() as tell:
-        tell("figures 2 and 3: smoothed ramp and normal law")
-        draw_laws(options, r_p)
-        tell("figure 5: deformed mesh and contact forces")
-        pressures = options.pressures(last.factors)
-        pictures.draw_deformed(folder / "figure_5_deformed.png", cells, last, pressures)
-        tell("figure 6: contact stresses and exact solution")
-        pictures.draw_stresses(folder / "figure_6_stresses.png", last, options.mu)
-        tell("figure 7: convergence with ξ")
-        levels = {sign: ramp_levels(options, sign) for sign in (1, -1)}
-        pictures.draw_convergence(folder / "figure_7_convergence.png", levels)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -366,14 +280,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     comm.barrier()
     terminal.say_problem(options, comm.size)
     block = create_problem(comm, options, "raous_")
-    exact = Exact(options) if comm.rank == 0 else None
+    exact = None
+    if comm.rank == 0:
+        exact = Exact(create_problem(MPI.COMM_SELF, options, "raous_exact_"))
     increments, failure = solve_history(block, exact, options)
     if increments:
         cells = results.gather_cells(block.problem.u)
         if comm.rank == 0:
             r_p = float(np.median(exact.block.problem.contacts[0].r.x.array))
             terminal.say_results(options, increments)
-            write_results(options, increments, cells, r_p)
+            figures.write_results(options, increments, cells, r_p, ramps(options))
             terminal.say_files(options.output)
     comm.barrier()
     if failure:

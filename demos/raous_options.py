@@ -11,6 +11,8 @@ from typing import IO
 
 from mpi4py import MPI
 
+#: Side of the half block (m).
+LENGTH = 0.04
 COLUMNS = ("lateral_factor", "top_factor")
 QUICK_MESH = (16, 8)
 FULL_MESH = (32, 16)

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.la import InsertMode
 
 from fenicsx_friction import OPEN, SLIP, STICK, Contact, FrictionalContactProblem, StepReport
 from fenicsx_friction.certificate.nodal_state import NodalState
@@ -153,6 +156,15 @@ def _ordered(x: Array, gap: Array, c: Array, u: Array, state: npt.NDArray[np.int
     """Sort the nodes by ``x``."""
     o = np.argsort(x)
     return ContactLine(x[o], gap[o], c[o, 0], c[o, 1], u[o, 0], state[o])
+
+
+def symmetry_reaction(problem: FrictionalContactProblem) -> float:
+    """Return the force of the symmetry plane on the body (N per metre of depth)."""
+    residual = fem.assemble_vector(fem.form(problem.bulk))
+    residual.scatter_reverse(InsertMode.add)
+    (bc,) = problem.bcs
+    dofs, owned = bc.dof_indices()
+    return float(problem.comm.allreduce(residual.array[dofs[:owned]].sum(), MPI.SUM))
 
 
 def prepare(folder: Path) -> None:

@@ -18,7 +18,7 @@ from .solvers.options import SolverOptions
 
 
 class FrictionalContactProblem(ContactSystem):
-    """Quasi-static Signorini contact with friction, one certified increment a :meth:`solve`.
+    """Quasi-static Signorini contact with friction, one certified increment a ``solve()``.
 
     Args:
         F: Bulk residual in UFL (internal minus external forces) without contact terms, or a
@@ -35,6 +35,17 @@ class FrictionalContactProblem(ContactSystem):
             ``"multigrid"``, GMRES with algebraic multigrid, for large models in 3D; ``"auto"``, one
             or the other by size. See docs/solvers.md.
         settings: How a step is solved.
+
+    Attributes:
+        u: The displacement.
+        u_old: The displacement of the last accepted step.
+        unknowns: All unknowns; the motions of rigid bodies are the last.
+        contacts: The contacts; ``contact.c`` are the tractions.
+        bodies: The rigid bodies that carry loads.
+        dt: Length of the step (s), a Constant; only laws with rates need it.
+        num_steps: Number of accepted steps.
+        comm: The communicator.
+        monitor: Called with each :class:`~fenicsx_friction.SubstepReport`, or ``None``.
 
     Raises:
         ContactInputError: For arguments that cannot make a contact problem; the contacts are free

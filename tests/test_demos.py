@@ -3,27 +3,14 @@
 import csv
 import json
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import fenicsx_friction as ff
+from demo_runs import DEMOS, rows, run
 
-DEMOS = Path(__file__).parents[1] / "demos"
 RAOUS = DEMOS / "demo_raous_rectangle.py"
-
-
-def run(script, *arguments):
-    command = [sys.executable, "-W", "error", str(script), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
-def rows(path):
-    with path.open() as file:
-        return list(csv.DictReader(file))
 
 
 def test_raous_quick_writes_everything_and_equals_the_exact_solution(tmp_path):

@@ -5,12 +5,12 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+import imageio.v3
 import numpy as np
 import pytest
 import pyvista
 import ufl
 from dolfinx import fem
-from PIL import Image
 
 import fenicsx_friction as ff
 from fenicsx_friction.files import series
@@ -278,12 +278,9 @@ def test_pictures(folder):
 
     def check():
         ff.plot.movie(folder, folder / "way.gif")
-        with Image.open(folder / "way.gif") as frames:
-            assert frames.n_frames == len(ff.plot.table(folder)["time"])
-            first, last = (np.asarray(frames.convert("L")) for _ in map(frames.seek, (0, 3)))
-        assert np.count_nonzero(first != last) > 100
-        with pytest.raises(ff.ContactInputError, match="must end with"):
-            ff.plot.movie(folder, folder / "way.mp4")
+        frames = imageio.v3.imread(folder / "way.gif")
+        assert len(frames) == len(ff.plot.table(folder)["time"])
+        assert np.count_nonzero(frames[0] != frames[-1]) > 100
         table = ff.plot.table(folder)
         axes = ff.plot.curve(folder, "force_x", lambda t: way(t)[0], file=folder / "c.png")
         x, y = axes.lines[0].get_data()

@@ -23,7 +23,9 @@ DROWNED = 1e-2
 
 @dataclass(frozen=True)
 class Certificate:
-    """Violation of each condition of eqs. (3)-(5) and of equilibrium; largest over the nodes.
+    """How far a state violates each condition of the law, and equilibrium; largest over the nodes.
+
+    The conditions are those of eqs. (3)-(5) of the paper.
 
     ``R_n = c_n - max(c_n - r g, 0)`` and ``R_t = c_t - P(c_t - r s)`` vanish, with equilibrium,
     if and only if the step solves the unsmoothed Signorini-Coulomb increment. Relative numbers are

@@ -26,16 +26,14 @@ class StepSettings:
             ``"fischer-burmeister"`` or ``"min"``.
         fallbacks: How many further ways to try when full Newton steps fail, on the boundary and
             then on the whole system; all by default. Where a smaller step is possible, a few are
-            cheaper, see :data:`fenicsx_friction.increment.correctors.FALLBACKS`.
+            cheaper.
         solver: ``"condensed"``: contact is solved on the boundary of the bulk, which is factored
             once if it is linear in its unknowns, else a few times a step; ``"full"``: the whole
             system in each iteration; ``"auto"``: condensed for bulks that are linear, up to
-            :data:`~fenicsx_friction.solvers.choice.MOST_DOFS` dofs of the contact surfaces, unless
-            the problem's linear solver is multigrid.
+            4000 dofs of the contact surfaces, unless the problem's linear solver is multigrid.
         look_for_others: Look for further solutions of each step from other starts, take the one
             nearest to the last accepted state, and warn. ``None``: from starts that cost little,
-            on the boundary, where a friction limit at unit pressure is above
-            :data:`~fenicsx_friction.increment.others.MUCH_FRICTION`.
+            on the boundary, where a friction limit at unit pressure is above 5.
         raise_on_uncertified: Raise :class:`~fenicsx_friction.StepFailed`, or else return the report
             with ``certified == False``. The state is the last accepted one either way.
     """

@@ -143,7 +143,7 @@ class Motion(ABC):
 
 
 class RigidMotion(Motion):
-    """Translation and rotation of an obstacle, as ``fem.Constant``s to be set before a step.
+    """Translation and rotation of an obstacle, two Constants to be set before a step.
 
     A point ``X`` of the unmoved obstacle is at ``center + translation + R(angle) (X - center)``.
 

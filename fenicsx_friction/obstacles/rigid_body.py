@@ -54,7 +54,7 @@ class RigidBody(Motion):
         force: Force at the center (N; per unit depth in 2D), which moves with the body: a Constant.
         moment: Moment about the center (N m): a Constant, one component in 2D.
         given: Translation (m) and rotation (rad) of components that are not free: a Constant.
-        spring, name: As given; the springs are a Constant.
+        spring: As given, a Constant.
         length: By which moments become forces (m).
         unit: What makes forces of the rows: one, and one over the length for moments.
     """

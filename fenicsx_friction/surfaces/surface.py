@@ -51,7 +51,8 @@ class ContactSurface:
             see ``bulk.circumference``.
 
     Attributes:
-        degree, axisymmetric: As given.
+        degree: As given.
+        axisymmetric: As given.
         mesh: The mesh of the body.
         submesh: The mesh of the contact facets.
         entity_map: Relates ``submesh`` to ``mesh``.
