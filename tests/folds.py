@@ -42,7 +42,16 @@ def stored(u, energy=ff.bulk.neo_hooke_energy, E=100.0):
 
 
 def column(
-    d, prefix, *, pairs=None, mu=0.3, n=4, widths=(1.0, 1.0, 1.0), height=1.0, gap=GAP
+    d,
+    prefix,
+    *,
+    pairs=None,
+    mu=0.3,
+    n=4,
+    widths=(1.0, 1.0, 1.0),
+    height=1.0,
+    gap=GAP,
+    all_round=False,
 ) -> Model:
     """Build three blocks on each other, with one surface or with contacts of two each.
 
@@ -50,6 +59,7 @@ def column(
         pairs: Secondary and primary face of each contact, counted from 1 at the bottom; ``None``
             for one surface that meets itself.
         widths: Of the blocks, from below (m).
+        all_round: Whether that surface has bottom and top of the column, too, which are held.
     """
     cell = "quadrilateral" if d == 2 else "hexahedron"
     lows = [k * (height + gap) for k in range(3)]
@@ -65,12 +75,13 @@ def column(
     values = np.zeros(len(facets), dtype=np.int32)
     for tag, level in enumerate(levels, 1):
         values[abs(middle - level) < GAP / 9.0] = tag
+    ends = mesh.meshtags(msh, fdim, facets, values)
     if pairs is None:
-        values[(values != 1) & (values != 6)] = 9
+        values = np.where(all_round | ((values != 1) & (values != 6)), 9, values).astype(np.int32)
     tags = mesh.meshtags(msh, fdim, facets[values > 0], values[values > 0])
     V = fem.functionspace(msh, ("Lagrange", 1, (d,)))
     u, v, top = fem.Function(V), ufl.TestFunction(V), fem.Function(V)
-    held = [fem.locate_dofs_topological(V, fdim, tags.find(tag)) for tag in (1, 6)]
+    held = [fem.locate_dofs_topological(V, fdim, ends.find(tag)) for tag in (1, 6)]
     bcs = [fem.dirichletbc(fem.Function(V), held[0]), fem.dirichletbc(top, held[1])]
     springs = ufl.inner(u, v) * ufl.dx(metadata={"quadrature_degree": 2})  # hold the middle block
 

@@ -114,12 +114,12 @@ def test_thin_walls_do_not_meet_themselves():
 
 @pytest.mark.mpi
 def test_thin_sheets_on_each_other_meet_only_their_neighbours():
-    """Three sheets of a tenth of a face: the far sides of the outer ones are no penetration."""
-    together = column(2, "sheets_", height=0.025)
-    apart = column(2, "sheets_apart_", height=0.025, pairs=PAIRS)
+    """Three sheets of a 25th of a face: the far sides of the outer ones are no penetration."""
+    together = column(2, "sheets_", height=0.01, all_round=True)
+    apart = column(2, "sheets_apart_", height=0.01, pairs=[(2, 3), (4, 5)])
     for way in ((0.0, -5e-4), (2e-4, -5e-4)):
         one, two = together.solve(*way), apart.solve(*way)
-        assert one.contacts[0].open == 20
+        assert one.contacts[0].stick + one.contacts[0].slip == 10
         assert np.max(abs(together.by_place() - apart.by_place())) < 1e-11
         assert abs(two.contacts[0].force[1]) > 0.1
 
@@ -163,6 +163,12 @@ def test_thin_walls_would_be_pressed_apart(monkeypatch):
     model = tube("pressed_apart_", all_round=True, thickness=0.01, n=24)
     with pytest.raises(ff.StepFailed):
         model.solve(0.1)
+
+
+def test_thin_sheets_would_be_pressed_apart(monkeypatch):
+    monkeypatch.setattr(Shape, "walls", lambda self, *_: np.full(len(self.x), np.inf))
+    with pytest.raises(ff.StepFailed):
+        column(2, "sheets_apart_again_", height=0.01, all_round=True).solve(0.0, -5e-4)
 
 
 def test_the_foot_of_a_wall_is_not_met_sideways(monkeypatch):

@@ -32,7 +32,8 @@ class SelfContact(Obstacle):
 
     Each node may meet the faces of its own surface, node to face, but those round it and those on
     the far side of its body. Of two places that face each other one is secondary and meets the
-    other; which one is found anew in each step, closed nodes first, and follows a moving fold. All
+    other: of two bodies the finer one; on one body this is found anew in each step, closed nodes
+    first, and follows a moving fold. All
     nodes carry multipliers; those that are not secondary are open. Faces of two places should
     match or be as fine as each other. Bodies must not overlap at the start.
 
