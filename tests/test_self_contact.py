@@ -67,7 +67,6 @@ def test_a_crushed_tube_is_twice_its_half_on_the_plane_of_symmetry():
     assert inside > 0.2 * abs(force)
 
 
-@pytest.mark.mpi
 def test_the_crushed_tube_is_in_balance_and_its_derivatives_are_right():
     model = tube("balance_")
     report = crushed(model)
@@ -83,7 +82,6 @@ def forces():
     return [np.array(k.force) for k in crushed(tube("usual_")).contacts]
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     "changes",
     [
@@ -100,7 +98,6 @@ def test_forces_depend_neither_on_units_nor_on_axes(changes, forces):
         assert np.linalg.norm(one.force) == pytest.approx(unit * np.linalg.norm(two), rel=1e-5)
 
 
-@pytest.mark.mpi
 def test_thin_walls_do_not_meet_themselves():
     """A wall of a 25th of a face: its far side is behind, not in front."""
     thin = {"thickness": 0.01, "n": 24}
