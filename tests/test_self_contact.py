@@ -16,8 +16,6 @@ from folds import column, stored, tube
 
 #: Plates come closer by these parts of a radius; the inside of the tube meets itself near 0.82.
 COARSE = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.78, 0.82, 0.84, 0.86)
-#: Secondary and primary faces of a column, from below: those of the middle block are secondary.
-PAIRS = [(3, 2), (4, 5)]
 
 
 def path(d):
@@ -36,12 +34,16 @@ def crushed(model, places=COARSE):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("d", [2, 3])
-@pytest.mark.parametrize("widths", [(1.0, 1.0, 1.0), (1.5, 1.0, 1.5)], ids=["even", "overhanging"])
-def test_many_bodies_of_one_surface_are_as_many_contacts(d, widths):
-    """The block in the middle is secondary: in the mean, its faces are finest."""
+@pytest.mark.parametrize(
+    ("widths", "pairs"),
+    [((1.0, 1.0, 1.0), [(2, 3), (4, 5)]), ((1.5, 1.0, 1.5), [(3, 2), (4, 5)])],
+    ids=["even", "overhanging"],
+)
+def test_many_bodies_of_one_surface_are_as_many_contacts(d, widths, pairs):
+    """Where faces differ, those of wider blocks are larger, the finer ones are secondary."""
     n = 4 if d == 2 else 3
     together = column(d, "together_", widths=widths, n=n)
-    apart = column(d, "apart_", pairs=PAIRS, widths=widths, n=n)
+    apart = column(d, "apart_", pairs=pairs, widths=widths, n=n)
     slipped = 0
     for way in list(path(d))[:: 1 if d == 2 else 3]:
         one, two = together.solve(*way), apart.solve(*way)
@@ -156,7 +158,7 @@ def test_nodes_of_both_sides_would_press_twice(monkeypatch):
 
 
 def test_thin_walls_would_be_pressed_apart(monkeypatch):
-    monkeypatch.setattr(Shape, "behind", lambda self, i, f, *_: np.zeros(len(i), dtype=bool))
+    monkeypatch.setattr(Shape, "behind", lambda self, i, *_, **__: np.zeros(len(i), dtype=bool))
     model = tube("pressed_apart_", all_round=True, thickness=0.01, n=24)
     with pytest.raises(ff.StepFailed):
         model.solve(0.1)

@@ -2,17 +2,18 @@
 """Roles: which nodes of a surface that meets itself are secondary?
 
 Where two places of a surface face each other, either could meet the other one. Both at once would
-be too much: each pair of places is to meet once. Of two bodies, the finer one is secondary. On one
-body, roles spread from node to node: from those that are closed already, then from the finest
-place. A node that would meet a secondary node, for the larger part, meets nothing itself. So one
+be too much: each pair of places is to meet once. Of two bodies, one is secondary: that whose nodes
+press already, or the one with the finer faces where they face each other. On one body, roles spread
+from node to node: from those that press already, then from the finest place, over fine places
+first. A node that would meet a secondary node, for the larger part, meets nothing itself. So one
 side of a fold is secondary, and stays so while the fold moves on; where roles come from two ends,
 they change within half a face, without a hole.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable
+from heapq import heappop, heappush
 
 import numpy as np
 import numpy.typing as npt
@@ -51,18 +52,9 @@ class Roles:
             sorted(beside.indices[a:b], key=self._order.__getitem__)
             for a, b in zip(beside.indptr[:-1], beside.indptr[1:], strict=True)
         ]
-        self._rank = self._rank_bodies(faces.size)
-
-    def _rank_bodies(self, size: float) -> Indices:
-        """Return the place of each node's body in an order: finer ones first."""
-        number = int(np.max(self._body, initial=0)) + 1
-        of_face = self._body[self._corners[:, 0]]
-        counts = np.maximum(np.bincount(of_face, minlength=number), 1)
-        sizes = np.bincount(of_face, self._face_sizes, minlength=number) / counts
-        first = np.full(number, len(self._body))
-        np.minimum.at(first, self._body, self._order)
-        rank = np.argsort(np.lexsort((first, np.round(sizes / size, 3))))
-        return np.asarray(rank[self._body])
+        number = int(np.max(body, initial=0)) + 1
+        self._first = np.full(number, len(body))
+        np.minimum.at(self._first, body, self._order)
 
     def secondary(self, face: Indices, shapes: Array, held: Mask) -> Mask:
         """Tell which nodes meet the faces before them.
@@ -72,30 +64,54 @@ class Roles:
             shapes: The shape functions of its nodes at the node's foot.
             held: Nodes that were secondary so far.
         """
-        open_ = (face >= 0) & (self._rank <= self._rank[self._corners[face, 0]])
+        ratio = np.where(face >= 0, np.round(self._sizes / self._face_sizes[face], 3), np.inf)
+        open_ = (face >= 0) & ~self._of_primary_bodies(face, held)
         result = np.zeros(len(face), dtype=bool)
-        self._spread(self._sorted(np.flatnonzero(open_ & held)), face, shapes, open_, result)
+        self._spread(np.flatnonzero(open_ & held), ratio, face, shapes, open_, result)
         left = np.flatnonzero(open_)
-        ratio = np.round(self._sizes[left] / self._face_sizes[face[left]], 3)
-        for seed in left[np.lexsort((self._order[left], ratio))]:
-            self._spread([seed], face, shapes, open_, result)
+        for seed in left[np.lexsort((self._order[left], ratio[left]))]:
+            self._spread([seed], ratio, face, shapes, open_, result)
         return result
 
-    def _sorted(self, nodes: Indices) -> Indices:
-        """Return nodes in the order of their places."""
-        return nodes[np.argsort(self._order[nodes])]
+    def _of_primary_bodies(self, face: Indices, held: Mask) -> Mask:
+        """Tell which nodes face a body that is to meet theirs, and not the other way round."""
+        node = np.flatnonzero(face >= 0)
+        ours, theirs = self._body[node], self._body[self._corners[face[node], 0]]
+        node, ours, theirs = (values[ours != theirs] for values in (node, ours, theirs))
+        both = np.sort(np.column_stack([ours, theirs]), axis=1)
+        pairs, pair = np.unique(both, axis=0, return_inverse=True)
+        pair, lower = pair.ravel(), ours == both[:, 0]
+        number = (len(pairs), 2)
+        votes, sizes, counts = (np.zeros(number) for _ in range(3))
+        place = (pair, np.where(lower, 0, 1))
+        np.add.at(votes, place, held[node])
+        np.add.at(sizes, place, self._sizes[node])
+        np.add.at(counts, place, 1.0)
+        mean = np.round(sizes / np.maximum(counts, 1.0) / np.mean(self._face_sizes), 3)
+        mean[counts == 0.0] = np.inf
+        keys = (self._first[pairs], mean, -votes)
+        best = np.array([np.lexsort([k[n] for k in keys])[0] for n in range(len(pairs))], dtype=int)
+        result = np.zeros(len(face), dtype=bool)
+        result[node] = place[1] != best[pair]
+        return result
 
     def _spread(
-        self, start: Iterable[int], face: Indices, shapes: Array, open_: Mask, result: Mask
+        self,
+        start: Iterable[int],
+        ratio: Array,
+        face: Indices,
+        shapes: Array,
+        open_: Mask,
+        result: Mask,
     ) -> None:
         """Make nodes secondary, and their neighbours in turn, unless what they meet already is."""
-        queue = deque(start)
+        queue = sorted((0.0, int(self._order[i]), int(i)) for i in start)
         while queue:
-            node = queue.popleft()
+            *_, node = heappop(queue)
             if not open_[node]:
                 continue
             open_[node] = False
-            met = self._corners[face[node]]
-            if shapes[node] @ result[met] < MOSTLY:
+            if shapes[node] @ result[self._corners[face[node]]] < MOSTLY:
                 result[node] = True
-                queue.extend(self._neighbours[node])
+                for i in self._neighbours[node]:
+                    heappush(queue, (ratio[i], self._order[i], i))

@@ -26,11 +26,11 @@ Mask = npt.NDArray[np.bool_]
 #: Cosine of the normals of node and face up to which they face each other. A corner of a cube looks
 #: at faces with -0.58; what lies on a face beside the foot of a wall does not meet the wall.
 FACING = -0.3
-#: A node is behind a face of its body, in the undeformed mesh, from this fraction of a face on.
+#: A node is behind a face of its body from this fraction of a face on: in the undeformed mesh,
 BEHIND_AT_FIRST = 1e-6
-#: It is behind any face, at the last accepted displacement, from this fraction of a face on, ...
+#: and at the last accepted displacement.
 BEHIND = 0.2
-#: ... or of its body's wall: behind the wall may be another one.
+#: No node is deeper in another body than by this fraction of its own wall: that is a far side.
 HALF = 0.5
 #: Bodies may overlap in the undeformed mesh by this fraction of a face: curved ones that touch do.
 OVERLAP = 0.05
@@ -61,7 +61,15 @@ class Shape:
         middle = np.tile(faces.cell.center, (len(corners), 1))
         return cls(x, faces.node_normals(x), *balls(corners), normals(faces.cell, corners, middle))
 
-    def behind(self, i: Indices, f: Indices, tolerance: float | Array, near: float) -> Mask:
+    def behind(
+        self,
+        i: Indices,
+        f: Indices,
+        tolerance: float | Array,
+        near: float,
+        *,
+        below: bool = False,
+    ) -> Mask:
         """Tell which nodes are behind faces with other normals: what is between is the body.
 
         Args:
@@ -69,11 +77,17 @@ class Shape:
             f: The faces.
             tolerance: From which depth on (m).
             near: Up to which distance (m).
+            below: Only those below the face, not beside it: on a convex surface, nodes are behind
+                the planes of the faces that they may slide to.
         """
         way = self.x[i] - self.center[f]
         away = np.sum(self.normal[f] * self.directions[i], axis=1) < ROUND
         close = np.linalg.norm(way, axis=1) <= self.radius[f] + near
-        return np.asarray(away & close & (np.sum(self.normal[f] * way, axis=1) < -tolerance))
+        depth = -np.sum(self.normal[f] * way, axis=1)
+        if below:
+            aside = np.linalg.norm(way + depth[:, None] * self.normal[f], axis=1)
+            close &= aside <= self.radius[f] + depth
+        return np.asarray(away & close & (depth > tolerance))
 
     def walls(self, body: Indices, of_face: Indices, near: float) -> Array:
         """Return the thickness of the body's wall at each node (m), infinite if it is thick.
@@ -97,8 +111,8 @@ class SelfPairs(FacePairs):
     """The pairs of nodes and faces of one surface that meets itself, within a step.
 
     A node meets no face that it belongs to, none that stands across its way, and none on the far
-    side of a body: none of its own that it was behind in the undeformed mesh, and none at all that
-    it was well behind at the last accepted displacement.
+    side of a body: none of its own that it was behind in the undeformed mesh, or well behind at the
+    last accepted displacement, and none at all that it is behind by half of its own wall.
 
     Args:
         faces: The faces of the surface.
@@ -147,9 +161,10 @@ class SelfPairs(FacePairs):
         own = np.any(corners == node[:, None], axis=1)
         aside = np.sum(self._now.normal[f] * self._now.directions[node], axis=1) > FACING
         one_body = self._body[node] == self._body[corners[:, 0]]
-        behind = one_body & self._made.behind(node, f, BEHIND_AT_FIRST * size, near)
-        deep = np.minimum(BEHIND * size, HALF * self._wall[node])
-        return ~(own | aside | behind | self._accepted.behind(node, f, deep, near))
+        behind = self._made.behind(node, f, BEHIND_AT_FIRST * size, near)
+        behind |= self._accepted.behind(node, f, BEHIND * size, near, below=True)
+        through = self._now.behind(node, f, HALF * self._wall[node], near)
+        return ~(own | aside | (one_body & behind) | through)
 
     def _find(
         self,
