@@ -31,11 +31,11 @@ class SelfContact(Obstacle):
     """The contact's own surface as its obstacle: folds that close, or many bodies of one surface.
 
     Each node may meet the faces of its own surface, node to face, but those round it and those on
-    the far side of its body. Of two places that face each other one is secondary and meets the
-    other: of two bodies the finer one; on one body this is found anew in each step, closed nodes
-    first, and follows a moving fold. All
-    nodes carry multipliers; those that are not secondary are open. Faces of two places should
-    match or be as fine as each other. Bodies must not overlap at the start.
+    the far side of a body. Of two places that face each other one is secondary and meets the other:
+    of two bodies the one with the finer faces there; on one body it is found anew in each step,
+    closed nodes first, and follows a moving fold. All nodes carry multipliers; those that are not
+    secondary are open. Faces of two places should match or be as fine as each other. Bodies must
+    not overlap at the start.
 
     The displacement needs dofs at the vertices only: P1, Q1 or MINI. Edges that meet edges in 3D
     are out of scope.
