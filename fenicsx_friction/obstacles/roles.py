@@ -12,8 +12,7 @@ they change within half a face, without a hole.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 
 import numpy as np
 import numpy.typing as npt
@@ -67,10 +66,19 @@ class Roles:
         ratio = np.where(face >= 0, np.round(self._sizes / self._face_sizes[face], 3), np.inf)
         open_ = (face >= 0) & ~self._of_primary_bodies(face, held)
         result = np.zeros(len(face), dtype=bool)
-        self._spread(np.flatnonzero(open_ & held), ratio, face, shapes, open_, result)
-        left = np.flatnonzero(open_)
-        for seed in left[np.lexsort((self._order[left], ratio[left]))]:
-            self._spread([seed], ratio, face, shapes, open_, result)
+        # What presses first, and what roles reach from there; then the next place to start from.
+        queue = [(0, 0.0, self._order[i], i) for i in np.flatnonzero(open_ & held)]
+        queue += [(1, ratio[i], self._order[i], i) for i in np.flatnonzero(open_)]
+        heapify(queue)
+        while queue:
+            *_, node = heappop(queue)
+            if not open_[node]:
+                continue
+            open_[node] = False
+            if shapes[node] @ result[self._corners[face[node]]] < MOSTLY:
+                result[node] = True
+                for i in self._neighbours[node]:
+                    heappush(queue, (0, ratio[i], self._order[i], i))
         return result
 
     def _of_primary_bodies(self, face: Indices, held: Mask) -> Mask:
@@ -94,24 +102,3 @@ class Roles:
         result = np.zeros(len(face), dtype=bool)
         result[node] = place[1] != best[pair]
         return result
-
-    def _spread(
-        self,
-        start: Iterable[int],
-        ratio: Array,
-        face: Indices,
-        shapes: Array,
-        open_: Mask,
-        result: Mask,
-    ) -> None:
-        """Make nodes secondary, and their neighbours in turn, unless what they meet already is."""
-        queue = sorted((0.0, int(self._order[i]), int(i)) for i in start)
-        while queue:
-            *_, node = heappop(queue)
-            if not open_[node]:
-                continue
-            open_[node] = False
-            if shapes[node] @ result[self._corners[face[node]]] < MOSTLY:
-                result[node] = True
-                for i in self._neighbours[node]:
-                    heappush(queue, (ratio[i], self._order[i], i))

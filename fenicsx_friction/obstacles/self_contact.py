@@ -107,11 +107,7 @@ class OneSurface(NodeToFace):
         Nodes that meet nothing, as the other place meets them, are tested as roughly as the nodes
         of a primary surface are.
         """
-        node, other = self.couples()
-        own, comm = self._secondary.own, self.side.surface.mesh.comm
-        held = closed[node]
-        i, j = node[held] + own.start, other[held]
-        pairs = np.concatenate(comm.allgather(np.column_stack([i, j])))
+        own, pairs = self._secondary.own, self._held_couples(closed)
         i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
         mine = (i >= own.start) & (i < own.stop)
         met = beside(self.faces, i[mine] - own.start, j[mine], len(closed))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from mpi4py import MPI
 
@@ -17,7 +18,7 @@ from ..surfaces.face_cells import Array, blend, normals, shape_matrix
 from ..surfaces.faces import Faces, FaceSet
 from .face_pairs import FacePairs
 from .roles import Roles
-from .search import Pairs, SearchPolicy, balls, flat
+from .search import Pairs, SearchPolicy, balls, find_pairs, flat
 from .side import Side
 
 Indices = npt.NDArray[np.int64]
@@ -80,14 +81,20 @@ class Shape:
             below: Only those below the face, not beside it: on a convex surface, nodes are behind
                 the planes of the faces that they may slide to.
         """
-        way = self.x[i] - self.center[f]
-        away = np.sum(self.normal[f] * self.directions[i], axis=1) < ROUND
+        way, depth = self.x[i] - self.center[f], self.depth(i, f)
         close = np.linalg.norm(way, axis=1) <= self.radius[f] + near
-        depth = -np.sum(self.normal[f] * way, axis=1)
         if below:
             aside = np.linalg.norm(way + depth[:, None] * self.normal[f], axis=1)
             close &= aside <= self.radius[f] + depth
-        return np.asarray(away & close & (depth > tolerance))
+        return np.asarray((self.cosine(i, f) < ROUND) & close & (depth > tolerance))
+
+    def cosine(self, i: Indices, f: Indices) -> Array:
+        """Return the cosines of the normals of nodes and faces, in pairs."""
+        return np.asarray(np.sum(self.normal[f] * self.directions[i], axis=1))
+
+    def depth(self, i: Indices, f: Indices) -> Array:
+        """Return how deep nodes are behind the planes of faces (m), in pairs."""
+        return -np.asarray(np.sum(self.normal[f] * (self.x[i] - self.center[f]), axis=1))
 
     def walls(self, body: Indices, of_face: Indices, near: float) -> Array:
         """Return the thickness of the body's wall at each node (m), infinite if it is thick.
@@ -100,10 +107,9 @@ class Shape:
         result = np.full(len(self.x), np.inf)
         tree = scipy.spatial.cKDTree(self.center)
         i, f = flat(tree.query_ball_point(self.x, near + np.max(self.radius)))
-        opposed = np.sum(self.normal[f] * self.directions[i], axis=1) < FACING
-        through = opposed & (body[i] == of_face[f]) & self.behind(i, f, 0.0, near)
-        depth = -np.sum(self.normal[f] * (self.x[i] - self.center[f]), axis=1)
-        np.minimum.at(result, i[through], depth[through])
+        through = (self.cosine(i, f) < FACING) & (body[i] == of_face[f])
+        through &= self.behind(i, f, 0.0, near)
+        np.minimum.at(result, i[through], self.depth(i, f)[through])
         return result
 
 
@@ -132,15 +138,9 @@ class SelfPairs(FacePairs):
         dofs = side.parent_dofs[: side.surface.num_owned]
         self._bodies = number_bodies(side.u.function_space)[1]
         self._body = secondary.gather(self._bodies[dofs])
-        self._roles, near = Roles(faces, self._body), 2.0 * policy.distance(faces)
-        self._wall = self._made.walls(self._body, self._body[faces.faces[:, 0]], near)
+        self._roles, self._near = Roles(faces, self._body), 2.0 * policy.distance(faces)
+        self._wall = self._made.walls(self._body, self._body[faces.faces[:, 0]], self._near)
         super().__init__(faces, secondary, policy, side)
-
-    def anchor(self) -> None:
-        """Pair the nodes at ``u_old``; collective."""
-        self._accepted = Shape.of(self._faces, self._secondary.positions(self._side.u_old))
-        super().anchor()
-        self.before = self._seen
 
     def inside_others(self) -> Mask:
         """Tell which owned nodes are inside another body in the undeformed mesh; collective.
@@ -154,16 +154,16 @@ class SelfPairs(FacePairs):
         found = np.concatenate(V.mesh.comm.allgather(node[other]))
         return np.isin(np.arange(own.start, own.stop), found)
 
-    def _may_meet(self, i: Indices, f: Indices) -> Mask:  # type: ignore[override]
-        """Tell which owned nodes may meet which faces."""
+    def _may_meet(self, now: Shape, i: Indices, f: Indices) -> Mask:
+        """Tell which owned nodes may meet which faces in the shape of now."""
         node, corners = i + self._secondary.own.start, self._faces.faces[f]
-        size, near = self._faces.size, 2.0 * self._policy.distance(self._faces)
+        size, near = self._faces.size, self._near
         own = np.any(corners == node[:, None], axis=1)
-        aside = np.sum(self._now.normal[f] * self._now.directions[node], axis=1) > FACING
+        aside = now.cosine(node, f) > FACING
         one_body = self._body[node] == self._body[corners[:, 0]]
         behind = self._made.behind(node, f, BEHIND_AT_FIRST * size, near)
         behind |= self._accepted.behind(node, f, BEHIND * size, near, below=True)
-        through = self._now.behind(node, f, HALF * self._wall[node], near)
+        through = now.behind(node, f, HALF * self._wall[node], near)
         return ~(own | aside | (one_body & behind) | through)
 
     def _find(
@@ -174,14 +174,18 @@ class SelfPairs(FacePairs):
         keep: npt.ArrayLike = 0.0,
     ) -> Pairs:
         """Pair this rank's nodes at a displacement, those that are secondary; collective."""
-        self._now = Shape.of(self._faces, self._secondary.positions(u))
-        found = super()._find(u, held, last, keep)
-        self._seen = found.face
+        faces, own = self._faces, self._secondary.own
+        now = Shape.of(faces, self._secondary.positions(u))
+        if last is None:  # at the last accepted displacement
+            self._accepted = now
+        nodes = (now.x[own], now.directions[own], self._policy, held, last)
+        may_meet = partial(self._may_meet, now)
+        found = find_pairs(faces, now.x, *nodes, keep=keep, may_meet=may_meet)
+        if last is None:
+            self.before = found.face
         before = self._pressed(found) if last is None else last.paired
-        inside = self._faces.cell.inside(found.xi)
-        parts = (found.face, shape_matrix(self._faces.cell, inside), before)
-        of_all = map(self._secondary.gather, parts)
-        secondary = self._roles.secondary(*of_all)[self._secondary.own]
+        parts = (found.face, shape_matrix(faces.cell, faces.cell.inside(found.xi)), before)
+        secondary = self._roles.secondary(*map(self._secondary.gather, parts))[own]
         return Pairs(np.where(secondary, found.face, -1), found.xi)
 
     def _pressed(self, found: Pairs) -> Mask:

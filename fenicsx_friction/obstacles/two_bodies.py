@@ -106,18 +106,23 @@ class TwoBodies(AgainstFaces):
 
         What contact holds is on average in front of the faces round its node.
         """
-        node, other = self.couples()
-        held, own, mine = closed[node], self._secondary.own, self.faces.own
-        pairs = np.column_stack([other[held], node[held] + own.start])
-        of_all = np.concatenate(self.primary.mesh.comm.allgather(pairs))
-        i, j = of_all[(of_all[:, 0] >= mine.start) & (of_all[:, 0] < mine.stop)].T
-        met = beside(self._secondary, i - mine.start, j, mine.stop - mine.start)
+        own, mine = self._secondary.own, self.faces.own
+        j, i = self._held_couples(closed).T
+        here = (i >= mine.start) & (i < mine.stop)
+        met = beside(self._secondary, i[here] - mine.start, j[here], mine.stop - mine.start)
         faces, nodes = self._trails()
         motion = faces.seen_by(nodes, mine, DEEP, self._doubt)
         started = self._faces_at_start(self._secondary, self.faces)
         entered = find_crossed(self._secondary, motion, started, met)
         entered = np.concatenate(self.primary.mesh.comm.allgather(entered[entered >= 0]))
         return np.isin(np.arange(own.start, own.stop), self._secondary.faces[entered])
+
+    def _held_couples(self, closed: Mask) -> Indices:
+        """Return closed nodes and the nodes that hold them, of all ranks, in pairs; collective."""
+        node, other = self.couples()
+        held = closed[node]
+        pairs = np.column_stack([node[held] + self._secondary.own.start, other[held]])
+        return np.concatenate(self.primary.mesh.comm.allgather(pairs))
 
     def stiffness(self, diagonal: Array, V: fem.FunctionSpace) -> float:
         """Return the smallest stiffness over area (Pa/m) of the primary nodes; collective."""

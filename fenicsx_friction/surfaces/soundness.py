@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from ..base.groups import connected
 from .face_cells import Array
 
 Indices = npt.NDArray[np.int64]
@@ -100,9 +101,7 @@ def _merged(points: Array, faces: Indices) -> tuple[Array, Indices]:
     """Make one of points at the same place."""
     extent = float(np.max(np.ptp(points, axis=0), initial=0.0))
     pairs = scipy.spatial.cKDTree(points).query_pairs(SAME * extent, output_type="ndarray")
-    n = len(points)
-    same = scipy.sparse.coo_matrix((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(n, n))
-    _, group = scipy.sparse.csgraph.connected_components(same, directed=False)
+    _, group = connected(len(points), *pairs.T)
     _, first, inverse = np.unique(group, return_index=True, return_inverse=True)
     return points[first], inverse[faces]
 
@@ -145,13 +144,7 @@ def _flipped(
     a, b = pairs.T
     turned = np.where(agree, 0, n)
     both = np.concatenate([[a, b + turned], [a + n, b + n - turned]], axis=1)
-    graph = [
-        scipy.sparse.coo_matrix((np.ones(ends.shape[1], dtype=bool), ends), shape=(size, size))
-        for ends, size in ((np.stack([a, b]), n), (both, 2 * n))
-    ]
-    (parts, part), (_, alike) = (
-        scipy.sparse.csgraph.connected_components(g, directed=False) for g in graph
-    )
+    (parts, part), (_, alike) = connected(n, a, b), connected(2 * n, *both)
     plain = alike[:n]
     # The layer part that holds most faces of a part as they are wins; the first one of two equals.
     count = np.bincount(plain, minlength=2 * n)
