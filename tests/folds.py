@@ -11,6 +11,7 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from bodies import box, joined
+from models import by_place
 
 #: Between the blocks of a column (m).
 GAP = 1e-4
@@ -28,13 +29,7 @@ class Model:
         return self.problem.solve()
 
     def by_place(self):
-        """Return the displacement of all vertices, gathered and in the order of their places."""
-        u = self.problem.u
-        V, comm = u.function_space, u.function_space.mesh.comm
-        n, d = V.dofmap.index_map.size_local, V.dofmap.index_map_bs
-        x = np.concatenate(comm.allgather(V.tabulate_dof_coordinates()[:n, :d]))
-        values = np.concatenate(comm.allgather(u.x.array[: n * d].reshape(-1, d)))
-        return values[np.lexsort(np.round(x, 9).T)]
+        return by_place(self.problem.u)
 
 
 def stored(u, energy=ff.bulk.neo_hooke_energy, E=100.0):
