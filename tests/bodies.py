@@ -10,7 +10,6 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from models import tagged_facets
 
 
 def joined(comm, *parts):
@@ -71,6 +70,7 @@ def stack(
     method="node-to-face",
     close_gaps=None,
     degree=1,
+    all_round=False,
     **settings,
 ) -> Stack:
     """Build a block on a base; lengths (m), ``E`` (Pa) of both or of the block and the base.
@@ -82,13 +82,14 @@ def stack(
         method: How the bodies meet.
         close_gaps: Gaps up to this (m) count as closed at the start.
         degree: Of the displacement.
+        all_round: The sides of block and base are parts of the surfaces, too.
     """
     d = len(upper)
     msh = joined(comm, box(*base, lower, cell), box(*top, upper, cell))
     up = d - 1
     level = top[0][up]
     eps = 1e-6 * (top[1][up] - level)
-    tags = sides(msh, up, (base[0][up], base[1][up], level, top[1][up]), eps)
+    tags = sides(msh, up, (base[0][up], base[1][up], level, top[1][up]), eps, all_round)
     if warp is not None:
         msh.geometry.x[:, :d] = warp(msh.geometry.x[:, :d].T).T
     V = fem.functionspace(msh, ("Lagrange", degree, (d,)))
@@ -133,7 +134,7 @@ def stack(
     return Stack(problem, contact, moved, bottom, stored, tags)
 
 
-def sides(msh, up, levels, eps):
+def sides(msh, up, levels, eps, all_round=False):
     """Tag the block's bottom 1, the base's top 2, the base's bottom 3 and the block's top 4.
 
     Args:
@@ -141,21 +142,18 @@ def sides(msh, up, levels, eps):
         up: The axis that points from the base to the block.
         levels: The base's bottom and top, the block's bottom and top.
         eps: Tolerance (m).
+        all_round: The sides of the bodies are 1 and 2, too.
     """
     low, primary, secondary, high = levels
-    middle = (primary + secondary) / 2.0
     tdim = msh.topology.dim
-    everything = tagged_facets(
-        msh,
-        lambda x: np.isclose(x[up], secondary, atol=eps) | np.isclose(x[up], primary, atol=eps),
-        lambda x: np.isclose(x[up], low, atol=eps),
-        lambda x: np.isclose(x[up], high, atol=eps),
-    )
-    values = np.choose(everything.values - 1, [1, 3, 4])
+    facets = mesh.locate_entities_boundary(msh, tdim - 1, lambda x: np.full(x.shape[1], True))
     msh.topology.create_connectivity(tdim - 1, tdim)
     owner = msh.topology.connectivity(tdim - 1, tdim)
-    cells = np.array([owner.links(f)[0] for f in everything.indices], dtype=np.int32)
+    cells = np.array([owner.links(f)[0] for f in facets], dtype=np.int32)
     # Facets at the same place are told apart by the bodies of their cells.
-    below = mesh.compute_midpoints(msh, tdim, cells)[:, up] < middle
-    values = np.where((values == 1) & below, 2, values).astype(np.int32)
-    return mesh.meshtags(msh, tdim - 1, everything.indices, values)
+    below = mesh.compute_midpoints(msh, tdim, cells)[:, up] < (primary + secondary) / 2.0
+    mid = mesh.compute_midpoints(msh, tdim - 1, facets)[:, up]
+    at_low, at_primary, at_secondary, at_high = (np.isclose(mid, a, atol=eps) for a in levels)
+    values = np.select([at_low, at_high, below], [3, 4, 2], default=1).astype(np.int32)
+    chosen = at_low | at_high | at_primary | at_secondary | all_round
+    return mesh.meshtags(msh, tdim - 1, facets[chosen], values[chosen])

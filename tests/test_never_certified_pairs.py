@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import fenicsx_friction as ff
+from fenicsx_friction.obstacles import search
 from bodies import stack
 from models import with_contact
 from shapes import BALL, ball
@@ -139,6 +140,38 @@ def test_nodes_that_start_too_deep_are_named():
     deep = FLAT | {"top": ((0.0, 0.7), (1.0, 1.7)), "base": ((0.0, 0.0), (1.0, 0.95))}
     with pytest.warns(UserWarning, match=r"5 nodes start deeper .*(?s:.)*gap -0.25 m"):
         stack(0.3, "deep_", **deep, search=ff.SearchPolicy(reach=0.2))
+
+
+# -- faces that stand across ---------------------------------------------------------------------
+
+
+def dragged_over_the_edge(prefix, **options):
+    """A block hangs over the edge of a base, is pressed, and slides off; forces of each step."""
+    over = {"top": ((-0.52, 1.0), (0.48, 2.0)), "base": ((0.0, 0.0), (1.0, 1.0))}
+    model = stack(
+        0.3, prefix, cell="quadrilateral", upper=(10, 10), lower=(4, 4), **over, **options
+    )
+    forces = []
+    for way in ((0.0, -0.02), (0.0, -0.05), (-0.1, -0.05), (-0.2, -0.05)):
+        model.move(*way)
+        forces.append(model.problem.solve().contacts[0].force)
+    return np.array(forces)
+
+
+@pytest.mark.mpi
+def test_nodes_do_not_hook_on_to_sides_that_stand_across():
+    """Whoever marks bodies all round gets what the faces that meet give, to the bit of search."""
+    alone = dragged_over_the_edge("edge_")
+    np.testing.assert_allclose(
+        dragged_over_the_edge("edge_all_round_", all_round=True), alone, rtol=1e-8
+    )
+    assert np.all(abs(alone[2:, 0]) < 0.31 * alone[2:, 1])
+
+
+def test_they_would_hook_on_to_sides_that_stand_a_little_away(monkeypatch):
+    monkeypatch.setattr(search, "FACING", 0.0)
+    with pytest.raises(AssertionError):
+        test_nodes_do_not_hook_on_to_sides_that_stand_across()
 
 
 # -- wrong input ----------------------------------------------------------------------------------

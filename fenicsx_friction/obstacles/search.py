@@ -15,6 +15,9 @@ from ..surfaces.faces import Faces
 
 #: Tells of nodes and faces, in pairs, which may meet.
 MayMeet = Callable[[npt.NDArray[np.int64], npt.NDArray[np.int64]], npt.NDArray[np.bool_]]
+#: Cosine of the normals of node and face up to which they face each other. A corner of a cube looks
+#: at faces with -0.58; what lies on a face beside the foot of a wall does not meet the wall.
+FACING = -0.3
 #: Distances that differ by this fraction of a face are the same.
 TIE = 1e-9
 #: Nodes whose faces are looked up together.
@@ -101,13 +104,13 @@ def find_pairs(
     keep: npt.ArrayLike = 0.0,
     may_meet: MayMeet | None = None,
 ) -> Pairs:
-    """Pair nodes with the nearest face that looks at them.
+    """Pair nodes with the nearest face that faces them.
 
     Args:
         faces: The faces.
         face_x: Positions of their nodes (m).
         x: Positions of the nodes to be paired (m).
-        directions: Their averaged normals. A face looks at a node if the two normals oppose.
+        directions: Their averaged normals. They must face each other.
         policy: What to accept.
         held: Nodes that keep a face up to ``policy.leave``; the others up to ``policy.enter``.
         last: The pairs so far.
@@ -216,7 +219,7 @@ def _candidates(
     for start in range(0, len(x), BLOCK):  # a tool may have many faces within reach
         i, f = flat(tree.query_ball_point(x[start : start + BLOCK], reach))
         i += start
-        looks = np.sum(normal[f] * directions[i], axis=1) < 0.0
+        looks = np.sum(normal[f] * directions[i], axis=1) < FACING
         i, f = i[looks], f[looks]
         if may_meet is not None:
             allowed = may_meet(i, f)

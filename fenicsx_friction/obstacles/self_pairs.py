@@ -18,15 +18,12 @@ from ..surfaces.face_cells import Array, blend, normals, shape_matrix
 from ..surfaces.faces import Faces, FaceSet
 from .face_pairs import FacePairs
 from .roles import Roles
-from .search import Pairs, SearchPolicy, balls, find_pairs, flat
+from .search import FACING, Pairs, SearchPolicy, balls, find_pairs, flat
 from .side import Side
 
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-#: Cosine of the normals of node and face up to which they face each other. A corner of a cube looks
-#: at faces with -0.58; what lies on a face beside the foot of a wall does not meet the wall.
-FACING = -0.3
 #: A node is behind a face of its body from this fraction of a face on: in the undeformed mesh,
 BEHIND_AT_FIRST = 1e-6
 #: and at the last accepted displacement.
@@ -116,9 +113,9 @@ class Shape:
 class SelfPairs(FacePairs):
     """The pairs of nodes and faces of one surface that meets itself, within a step.
 
-    A node meets no face that it belongs to, none that stands across its way, and none on the far
-    side of a body: none of its own that it was behind in the undeformed mesh, or well behind at the
-    last accepted displacement, and none at all that it is behind by half of its own wall.
+    A node meets no face that it belongs to, and none on the far side of a body: none of its own
+    that it was behind in the undeformed mesh, or well behind at the last accepted displacement, and
+    none at all that it is behind by half of its own wall.
 
     Args:
         faces: The faces of the surface.
@@ -159,12 +156,11 @@ class SelfPairs(FacePairs):
         node, corners = i + self._secondary.own.start, self._faces.faces[f]
         size, near = self._faces.size, self._near
         own = np.any(corners == node[:, None], axis=1)
-        aside = now.cosine(node, f) > FACING
         one_body = self._body[node] == self._body[corners[:, 0]]
         behind = self._made.behind(node, f, BEHIND_AT_FIRST * size, near)
         behind |= self._accepted.behind(node, f, BEHIND * size, near, below=True)
         through = now.behind(node, f, HALF * self._wall[node], near)
-        return ~(own | aside | (one_body & behind) | through)
+        return ~(own | (one_body & behind) | through)
 
     def _find(
         self,
