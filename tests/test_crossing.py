@@ -39,6 +39,7 @@ def crossed(
         (start, end @ turn.T + 3.0),
         (n, n @ turn.T),
         (depths, np.full(len(start), np.inf)),
+        (250.0 * depths, np.full(len(start), np.inf)),
     )
     return (find_crossed(surface, motion, np.full(len(start), started), met) >= 0).tolist()
 

@@ -20,6 +20,8 @@ class ContactReport:
         slip: Number of slipping nodes.
         force: Contact force on the body in global axes (N, per unit depth in 2D). Of rings, the
             radial one is the integral of radial tractions, whose resultant vanishes.
+        normal_force: Sum of the normal forces of its nodes (N), positive in compression. Unlike
+            those of ``force``, they do not cancel, as on a surface that meets itself.
         moment: Moment of the contact force about the origin (N m), about ``z`` alone in 2D.
         dissipation: Frictional work of the step (J), each node's at least zero.
         penetration: Largest penetration of a point (m): of the nodes; for displacements with dofs
@@ -31,6 +33,7 @@ class ContactReport:
     stick: int
     slip: int
     force: tuple[float, ...]
+    normal_force: float
     moment: tuple[float, ...]
     dissipation: float
     penetration: float

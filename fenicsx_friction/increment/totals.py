@@ -22,7 +22,7 @@ def total(contact: Contact, state: NodalState) -> ContactReport:
     if contact.surface.axisymmetric:
         moment *= 0.0
     work = -np.einsum("i,ij,ij->", state.area, state.c[:, 1:], state.slip)
-    sums = np.array([*counts, *force, *moment, work])
+    sums = np.array([*counts, *force, *moment, state.area @ state.c[:, 0], work])
     sums = contact.surface.mesh.comm.allreduce(sums, MPI.SUM)
     return ContactReport(
         name=contact.surface.name,
@@ -30,7 +30,8 @@ def total(contact: Contact, state: NodalState) -> ContactReport:
         stick=int(sums[STICK]),
         slip=int(sums[SLIP]),
         force=tuple(sums[3 : 3 + len(force)].tolist()),
-        moment=tuple(sums[3 + len(force) : -1].tolist()),
+        normal_force=float(sums[-2]),
+        moment=tuple(sums[3 + len(force) : -2].tolist()),
         dissipation=float(sums[-1]),
         penetration=contact.surface.mesh.comm.allreduce(contact.pairing.penetration(), MPI.MAX),
     )

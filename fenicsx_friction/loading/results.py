@@ -31,10 +31,11 @@ class Results:
 
     ``bulk.pvd`` holds displacement and ``fields``, and a file for each contact, named as its
     surface, the :class:`~fenicsx_friction.ContactFields`; ParaView and pyvista open them.
-    ``contacts.csv`` has a row for each step and contact: states, force (N), moment (N m),
-    frictional work (J), penetration (m), iterations, the certificate's relative residual, and, with
-    an audit, the energies (J) of the step of the whole problem. ``bodies.csv`` has the translation
-    (m), rotation (rad), force (N) and moment (N m) of each :class:`~fenicsx_friction.RigidBody`.
+    ``contacts.csv`` has a row for each step and contact: states, force and normal force (N), moment
+    (N m), frictional work (J), penetration (m), iterations, the certificate's relative residual,
+    and, with an audit, the energies (J) of the step of the whole problem. ``bodies.csv`` has the
+    translation (m), rotation (rad), force (N) and moment (N m) of each
+    :class:`~fenicsx_friction.RigidBody`.
 
     All files can be read at any moment. The first step that is written drops what they hold of this
     and later steps: a run that goes on from a checkpoint continues them, a new one begins anew.
@@ -130,6 +131,7 @@ def _columns(d: int) -> list[str]:
     return [
         *("step", "time", "contact", "open", "stick", "slip"),
         *(f"force_{x}" for x in axes),
+        "normal_force",
         *(f"moment_{x}" for x in (axes if d == 3 else "z")),
         *("frictional_work", "penetration", "iterations", "certificate"),
         *("external_work", "stored", "dissipation", "defect"),
@@ -159,6 +161,7 @@ def _row(
     return [
         *(report.step, time, contact.name, contact.open, contact.stick, contact.slip),
         *contact.force,
+        contact.normal_force,
         *contact.moment,
         *(contact.dissipation, contact.penetration, report.iterations),
         report.certificate.relative,

@@ -4,8 +4,8 @@
 Within a step nodes and faces move on straight lines, as seen from the moving faces. Their mean
 rigid motion is subtracted first, so that a common motion, however large, crosses nothing. A node
 crosses a face where it is behind it by some depth. This excludes nodes that slide along the face,
-rounding, and the warp of quadrilaterals, which are cut into triangles. A node that is closed on a
-face at the end does not cross this one, but may have crossed others on the way.
+rounding, and the warp of quadrilaterals, which are cut into triangles. Beside faces that hold it at
+the end, a node may be deeper: between nodes, two surfaces meet on average only.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from .ways import Indices, Mask, Way, simplices
 
 #: A node is behind a face from this fraction of the smaller face on, plus what the face is warped.
 DEPTH = 1e-3
+#: The same for faces that hold the node, and those beside them.
+HELD_DEPTH = 0.25
 #: Cosine of the normals of entry and exit from which the exit is on the far side.
 FAR_SIDE = -0.1
 #: Nodes that are tested together.
@@ -69,14 +71,13 @@ class Trail:
                 for each.
             doubt: How far (m) a node may be behind besides.
         """
+        sizes = self.surface.sizes, nodes.surface.node_sizes()[own]
         return Motion(
             face_x=self.x,
             x=(nodes.x[0][own], nodes.x[1][own]),
             directions=(nodes.normals[0][own], nodes.normals[1][own]),
-            depths=(
-                float(np.max(part, initial=0.0)) * self.surface.sizes + doubt,
-                part * nodes.surface.node_sizes()[own] + doubt,
-            ),
+            depths=(float(np.max(part, initial=0.0)) * sizes[0] + doubt, part * sizes[1] + doubt),
+            held_depths=(HELD_DEPTH * sizes[0] + doubt, HELD_DEPTH * sizes[1] + doubt),
         )
 
 
@@ -90,12 +91,14 @@ class Motion:
         directions: Their averaged normals.
         depths: From where on a node is behind a face (m): of each face, of each node. The smaller
             one counts.
+        held_depths: The same for faces that hold the node.
     """
 
     face_x: tuple[Array, Array]
     x: tuple[Array, Array]
     directions: tuple[Array, Array]
     depths: tuple[Array, Array]
+    held_depths: tuple[Array, Array]
 
 
 def find_crossed(
@@ -112,7 +115,7 @@ def find_crossed(
         motion: Positions in the step.
         started: Face of each node at the beginning, or -1. A node that is behind it already counts
             as just entering.
-        met: Which nodes (rows) are held by which faces at the end, and so do not enter these.
+        met: Which nodes (rows) are held by which faces at the end.
     """
     motion = _seen_from_faces(motion)
     crossed = np.full(len(started), -1, dtype=np.int64)
@@ -122,16 +125,16 @@ def find_crossed(
         triangles = [simplices(faces.cell, face_x[faces.faces[f]]) for face_x in motion.face_x]
         parts, d = triangles[0].shape[1:3]
         first, last = (t.reshape(-1, d, d) for t in triangles)
-        depth = np.minimum(motion.depths[0][f], motion.depths[1][i]) + warp
-        entered = ~np.isin(i * number + f, held)
-        node, face, start, depth, open_ = (
-            np.repeat(a, parts) for a in (i, f, f == started[i], depth, entered)
+        by_held = np.isin(i * number + f, held)
+        of_face, of_node = (
+            np.where(by_held, deep[j], depth[j])
+            for depth, deep, j in zip(motion.depths, motion.held_depths, (f, i), strict=True)
         )
+        depth = np.minimum(of_face, of_node) + warp
+        node, face, start, depth = (np.repeat(a, parts) for a in (i, f, f == started[i], depth))
         (x, y), (n, m) = ([end[node] for end in ends] for ends in (motion.x, motion.directions))
         way = Way((x, y - x), (first, last - first), (n, m - n))
-        events = find_events(way, start, depth)
-        events = events.take(open_[events.row] | ~events.entering)
-        covers = open_ & ends_behind(way, depth)
+        events, covers = find_events(way, start, depth), ends_behind(way, depth)
         nodes, rows = _verdict(events, node, covers, len(crossed))
         crossed[nodes] = face[rows]
     return crossed

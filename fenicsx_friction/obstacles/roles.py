@@ -5,9 +5,9 @@ Where two places of a surface face each other, either could meet the other one. 
 be too much: each pair of places is to meet once. Of two bodies, one is secondary: that whose nodes
 press already, or the one with the finer faces where they face each other. On one body, roles spread
 from node to node: from those that press already, then from the finest place, over fine places
-first. A node that would meet a secondary node, for the larger part, meets nothing itself. So one
-side of a fold is secondary, and stays so while the fold moves on; where roles come from two ends,
-they change within half a face, without a hole.
+first. A node that would meet nodes that meet its body, for the larger part, meets nothing itself.
+So one side of a fold is secondary, and stays so while the fold moves on; where roles come from two
+ends, they change within half a face, without a hole.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
+#: Nodes nearer to their foot than by this part of a face are equally near.
+CLOSE = 0.05
 #: A node meets nothing if it would meet secondary nodes by this share.
 MOSTLY = 0.5
 
@@ -55,17 +57,19 @@ class Roles:
         self._first = np.full(number, len(body))
         np.minimum.at(self._first, body, self._order)
 
-    def secondary(self, face: Indices, shapes: Array, held: Mask) -> Mask:
+    def secondary(self, face: Indices, shapes: Array, distance: Array, held: Mask) -> Mask:
         """Tell which nodes meet the faces before them.
 
         Args:
             face: The face that each node of the surface has before it, or -1.
             shapes: The shape functions of its nodes at the node's foot.
+            distance: From there to the node (m).
             held: Nodes that were secondary so far.
         """
         ratio = np.where(face >= 0, np.round(self._sizes / self._face_sizes[face], 3), np.inf)
-        open_ = (face >= 0) & ~self._of_primary_bodies(face, held)
+        open_ = (face >= 0) & ~self._of_primary_bodies(face, distance, held)
         result = np.zeros(len(face), dtype=bool)
+        met = np.where(face >= 0, self._body[self._corners[face, 0]], -1)
         # What presses first, and what roles reach from there; then the next place to start from.
         queue = [(0, 0.0, self._order[i], i) for i in np.flatnonzero(open_ & held)]
         queue += [(1, ratio[i], self._order[i], i) for i in np.flatnonzero(open_)]
@@ -75,13 +79,14 @@ class Roles:
             if not open_[node]:
                 continue
             open_[node] = False
-            if shapes[node] @ result[self._corners[face[node]]] < MOSTLY:
+            foot = self._corners[face[node]]
+            if shapes[node] @ (result[foot] & (met[foot] == self._body[node])) < MOSTLY:
                 result[node] = True
                 for i in self._neighbours[node]:
                     heappush(queue, (0, ratio[i], self._order[i], i))
         return result
 
-    def _of_primary_bodies(self, face: Indices, held: Mask) -> Mask:
+    def _of_primary_bodies(self, face: Indices, distance: Array, held: Mask) -> Mask:
         """Tell which nodes face a body that is to meet theirs, and not the other way round."""
         node = np.flatnonzero(face >= 0)
         ours, theirs = self._body[node], self._body[self._corners[face[node], 0]]
@@ -90,13 +95,16 @@ class Roles:
         pairs, pair = np.unique(both, axis=0, return_inverse=True)
         pair, lower = pair.ravel(), ours == both[:, 0]
         number = (len(pairs), 2)
-        votes, sizes, counts = (np.zeros(number) for _ in range(3))
+        votes, sizes, weights = (np.zeros(number) for _ in range(3))
+        # Sizes count where the bodies meet first.
+        weight = (CLOSE + distance[node] / np.mean(self._face_sizes)) ** -2
         place = (pair, np.where(lower, 0, 1))
         np.add.at(votes, place, held[node])
-        np.add.at(sizes, place, self._sizes[node])
-        np.add.at(counts, place, 1.0)
-        mean = np.round(sizes / np.maximum(counts, 1.0) / np.mean(self._face_sizes), 3)
-        mean[counts == 0.0] = np.inf
+        np.add.at(sizes, place, weight * self._sizes[node])
+        np.add.at(weights, place, weight)
+        mean = np.full(number, np.inf)
+        np.divide(sizes, weights * np.mean(self._face_sizes), out=mean, where=weights > 0.0)
+        mean = np.round(mean, 3)
         keys = (self._first[pairs], mean, -votes)
         best = np.array([np.lexsort([k[n] for k in keys])[0] for n in range(len(pairs))], dtype=int)
         result = np.zeros(len(face), dtype=bool)

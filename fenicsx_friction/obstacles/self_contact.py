@@ -105,13 +105,14 @@ class OneSurface(NodeToFace):
         """Tell which nodes have gone through faces since the last step; collective.
 
         Nodes that meet nothing, as the other place meets them, are tested as roughly as the nodes
-        of a primary surface are.
+        of a primary surface are; those that have nothing before them, as sharply as others.
         """
         own, pairs = self._secondary.own, self._held_couples(closed)
         i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
         mine = (i >= own.start) & (i < own.stop)
         met = beside(self.faces, i[mine] - own.start, j[mine], len(closed))
-        part = np.where(self.pairs.paired, DEPTH, DEEP)
+        primary = self._history.faces_something & ~self.pairs.paired
+        part = np.where(primary, DEEP, DEPTH)
         nodes, faces = self._trails()
         motion = faces.seen_by(nodes, own, part, self._doubt)
         return np.asarray(find_crossed(self.faces, motion, self.started(), met) >= 0)

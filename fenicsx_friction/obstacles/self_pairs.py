@@ -24,13 +24,13 @@ from .side import Side
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-#: A node is behind a face of its body from this fraction of a face on: in the undeformed mesh,
-BEHIND_AT_FIRST = 1e-6
-#: and at the last accepted displacement.
+#: A node is behind a face of its body from this fraction of a face on, at the last accepted
+#: displacement.
 BEHIND = 0.2
 #: No node is deeper in another body than by this fraction of its own wall: that is a far side.
 HALF = 0.5
 #: Bodies may overlap in the undeformed mesh by this fraction of a face: curved ones that touch do.
+#: Where the wall is thin, by half of it.
 OVERLAP = 0.05
 
 #: Cosine of the normals of node and face from which on both are on one smooth, convex side, where
@@ -93,29 +93,30 @@ class Shape:
         """Return how deep nodes are behind the planes of faces (m), in pairs."""
         return -np.asarray(np.sum(self.normal[f] * (self.x[i] - self.center[f]), axis=1))
 
-    def walls(self, body: Indices, of_face: Indices, near: float) -> Array:
-        """Return the thickness of the body's wall at each node (m), infinite if it is thick.
+    def far_sides(
+        self, body: Indices, of_face: Indices, tolerance: float, near: float
+    ) -> tuple[Indices, Indices]:
+        """Return nodes and faces on the far side of a wall of their body, in pairs.
 
         Args:
             body: Body of each node.
             of_face: Body of each face.
-            near: Up to which thickness (m).
+            tolerance: From which thickness on (m): the lips of a crack touch.
+            near: Up to which distance (m).
         """
-        result = np.full(len(self.x), np.inf)
         tree = scipy.spatial.cKDTree(self.center)
         i, f = flat(tree.query_ball_point(self.x, near + np.max(self.radius)))
         through = (self.cosine(i, f) < FACING) & (body[i] == of_face[f])
-        through &= self.behind(i, f, 0.0, near)
-        np.minimum.at(result, i[through], self.depth(i, f)[through])
-        return result
+        through &= self.behind(i, f, tolerance, near)
+        return i[through], f[through]
 
 
 class SelfPairs(FacePairs):
     """The pairs of nodes and faces of one surface that meets itself, within a step.
 
     A node meets no face that it belongs to, and none on the far side of a body: none of its own
-    that it was behind in the undeformed mesh, or well behind at the last accepted displacement, and
-    none at all that it is behind by half of its own wall.
+    that it was well behind at the last accepted displacement, or behind in the undeformed mesh
+    where the wall is thin, and none at all that it is behind by half of its own wall.
 
     Args:
         faces: The faces of the surface.
@@ -126,18 +127,34 @@ class SelfPairs(FacePairs):
     Attributes:
         before: The face that each owned node had before it at the last accepted displacement, or
             -1, whichever of the two is secondary.
+        faces_something: Whether it has a face before it now.
     """
 
-    _STATE = (*FacePairs._STATE, "before", "_accepted")
+    _STATE = (*FacePairs._STATE, "before", "_accepted", "faces_something")
 
     def __init__(self, faces: Faces, secondary: FaceSet, policy: SearchPolicy, side: Side) -> None:
         self._made = Shape.of(faces, secondary.X)
+        self._faces = faces
         dofs = side.parent_dofs[: side.surface.num_owned]
         self._bodies = number_bodies(side.u.function_space)[1]
         self._body = secondary.gather(self._bodies[dofs])
         self._roles, self._near = Roles(faces, self._body), 2.0 * policy.distance(faces)
-        self._wall = self._made.walls(self._body, self._body[faces.faces[:, 0]], self._near)
+        self._measure_walls()
         super().__init__(faces, secondary, policy, side)
+
+    def _measure_walls(self) -> None:
+        """Find the thickness of the wall at each node (m), infinite if it is thick; and far sides.
+
+        Thin walls may be compressed until nothing else tells their far side.
+        """
+        faces, made = self._faces, self._made
+        of_face, touching = self._body[faces.faces[:, 0]], TOUCHING * faces.size
+        i, f = made.far_sides(self._body, of_face, touching, self._near)
+        depth = made.depth(i, f)
+        self._wall = np.full(len(made.x), np.inf)
+        np.minimum.at(self._wall, i, depth)
+        thin = depth < BEHIND / HALF * faces.size
+        self._through = i[thin] * len(faces.faces) + f[thin]
 
     def inside_others(self) -> Mask:
         """Tell which owned nodes are inside another body in the undeformed mesh; collective.
@@ -145,7 +162,8 @@ class SelfPairs(FacePairs):
         Nodes are moved into their own body first, by what counts as touching.
         """
         made, V, own = self._made, self._side.u.function_space, self._secondary.own
-        points = made.x - OVERLAP * self._faces.size * made.directions
+        touching = np.minimum(OVERLAP * self._faces.size, HALF * self._wall)
+        points = made.x - touching[:, None] * made.directions
         node, cell = cells_at(V.mesh, points)
         other = self._bodies[V.dofmap.list[cell, 0]] != self._body[node]
         found = np.concatenate(V.mesh.comm.allgather(node[other]))
@@ -157,8 +175,8 @@ class SelfPairs(FacePairs):
         size, near = self._faces.size, self._near
         own = np.any(corners == node[:, None], axis=1)
         one_body = self._body[node] == self._body[corners[:, 0]]
-        behind = self._made.behind(node, f, BEHIND_AT_FIRST * size, near)
-        behind |= self._accepted.behind(node, f, BEHIND * size, near, below=True)
+        behind = self._accepted.behind(node, f, BEHIND * size, near, below=True)
+        behind |= np.isin(node * len(self._faces.faces) + f, self._through)
         through = now.behind(node, f, HALF * self._wall[node], near)
         return ~(own | (one_body & behind) | through)
 
@@ -179,8 +197,12 @@ class SelfPairs(FacePairs):
         found = find_pairs(faces, now.x, *nodes, keep=keep, may_meet=may_meet)
         if last is None:
             self.before = found.face
+        self.faces_something = found.paired
         before = self._pressed(found) if last is None else last.paired
-        parts = (found.face, shape_matrix(faces.cell, faces.cell.inside(found.xi)), before)
+        shapes = shape_matrix(faces.cell, faces.cell.inside(found.xi))
+        foot = blend(shapes, now.x[faces.faces[found.face]])
+        distance = np.linalg.norm(now.x[own] - foot, axis=1)
+        parts = (found.face, shapes, distance, before)
         secondary = self._roles.secondary(*map(self._secondary.gather, parts))[own]
         return Pairs(np.where(secondary, found.face, -1), found.xi)
 

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 from dolfinx import fem
 
 from ..base.collective import any_rank
@@ -93,7 +94,8 @@ class TwoBodies(AgainstFaces):
         directions, face_x = self._secondary.node_normals(x)[own], self.faces.positions(u)
         centers = np.tile(self.faces.cell.center, (len(self.faces.faces), 1))
         outward = normals(self.faces.cell, face_x[self.faces.faces], centers)
-        cosine = np.array([np.min(outward @ direction) for direction in directions])
+        opposite = scipy.spatial.cKDTree(outward).query(-directions)[0]
+        cosine = opposite**2 / 2.0 - 1.0
         near = nearest_faces(self.faces, face_x, x[own])
         reach, over = self.policy.distance(self.faces), near.overhang <= TIE
         looks = np.sum(outward[near.face] * directions, axis=1) < 0.0
