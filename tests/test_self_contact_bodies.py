@@ -233,6 +233,38 @@ def test_far_faces_would_make_the_coarser_one_secondary(monkeypatch):
         test_the_finer_body_is_that_which_is_finer_where_they_meet()
 
 
+@pytest.mark.mpi
+def test_faces_that_meet_in_two_contacts_are_refused():
+    msh = joined(
+        MPI.COMM_WORLD,
+        box([0.0, 0.0], [1.0, 1.0], [2, 2], QUADS),
+        box([0.0, 1.1], [1.0, 2.1], [2, 2], QUADS),
+    )
+    msh.topology.create_connectivity(1, 2)
+    facets = np.sort(mesh.exterior_facet_indices(msh.topology))
+    middle = mesh.compute_midpoints(msh, 1, facets)[:, 1]
+    skin = mesh.meshtags(msh, 1, facets, np.ones_like(facets))
+    sides = mesh.meshtags(msh, 1, facets, (1 + near(middle, 1.0) + 2 * near(middle, 1.1)))
+    u = fem.Function(fem.functionspace(msh, ("Lagrange", 1, (2,))))
+    low, high = (
+        ff.ContactSurface(msh, sides, tag, name) for tag, name in ((2, "low"), (3, "high"))
+    )
+    whole = ff.ContactSurface(msh, skin, 1, "skin")
+    itself = ff.Contact(whole, ff.SelfContact(), ff.Coulomb(0.3))
+    pair, back = (
+        ff.Contact(a, ff.DeformableObstacle(b, method=method), ff.Coulomb(0.3))
+        for a, b, method in ((low, high, "node-to-face"), (high, low, "mortar"))
+    )
+    for contacts in ([itself, pair], [pair, back], [pair, itself]):
+        with pytest.raises(ff.ContactInputError, match="faces of the same two surfaces"):
+            ff.FrictionalContactProblem(
+                ufl.derivative(stored(u), u, ufl.TestFunction(u.function_space)),
+                u,
+                contact=contacts,
+                petsc_options_prefix="twice_",
+            )
+
+
 # -- cracks ---------------------------------------------------------------------------------------
 
 TURN = 0.3

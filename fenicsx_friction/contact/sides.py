@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""Checks that the obstacle looks at the surface, and that nodes start on its outer side."""
+"""Checks that an obstacle looks at the surface, which starts outside, and that none is met twice."""
 
 import warnings
+from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
 
 from ..base.errors import ContactInputError
+from ..obstacles.two_bodies import TwoBodies
+from ..surfaces.faces import facets_in_common
 from ..surfaces.naming import named
 from .contact import Contact
 
@@ -71,3 +75,25 @@ def _warn_of_penetration(contact: Contact, lost: npt.NDArray[np.floating]) -> No
             f"close_initial_gaps, or check the tags.{named(contact.surface, nodes, -lost)}",
             stacklevel=4,
         )
+
+
+def check_met_once(contacts: Sequence[Contact]) -> None:
+    """Raise where faces of two surfaces meet each other in two contacts; collective.
+
+    Args:
+        contacts: The contacts, after ``bind``.
+
+    Raises:
+        ContactInputError: If each condition would be there twice, from whichever side.
+    """
+    pairs = [(k.surface, p.primary) for k in contacts if isinstance(p := k.pairing, TwoBodies)]
+    for (a, b), (c, d) in combinations(pairs, 2):
+        if any(
+            facets_in_common(*p) and facets_in_common(*q)
+            for p, q in (((a, c), (b, d)), ((a, d), (b, c)))
+        ):
+            raise ContactInputError(
+                f"Contacts '{a.name}' and '{c.name}' have faces of the same two surfaces meet each "
+                "other: whatever presses there would be counted twice. Keep one of them, or leave "
+                "these faces out of a surface."
+            )

@@ -15,7 +15,7 @@ from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from ..contact.checks import check_normals
 from ..contact.contact import Contact
-from ..contact.sides import check_sides
+from ..contact.sides import check_met_once, check_sides
 from ..equations.body_equation import BodyEquation, bodies_of
 from ..equations.conditions import constrained
 from ..equations.further_equation import FurtherEquation
@@ -66,6 +66,7 @@ def set_up_contacts(
         k.bind(*displacements, dt, normal)
         check_normals(k)
         check_sides(k)
+    check_met_once(contacts)
     nodes = contact_dofs(contacts, stiffness.function_space)
     felt = felt_stiffness(matrix, stiffness, nodes)
     for k in contacts:

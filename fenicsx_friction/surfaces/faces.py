@@ -134,11 +134,16 @@ def check_surfaces(secondary: ContactSurface, primary: ContactSurface) -> None:
                 f"= {surface.degree}, which only meets rigid obstacles. Leave degree = 1; mortar "
                 "averages over the faces."
             )
-    ours, theirs = (map(tuple, s.entities.reshape(-1, 2)) for s in (secondary, primary))
-    if number := msh.comm.allreduce(len(set(ours) & set(theirs))):
+    if number := facets_in_common(secondary, primary):
         raise ContactInputError(
             f"{names} have {number} facets in common: give each body's surface a tag of its own."
         )
+
+
+def facets_in_common(one: ContactSurface, other: ContactSurface) -> int:
+    """Return how many facets two surfaces of a mesh have in common, on all ranks; collective."""
+    ours, theirs = (set(map(tuple, s.entities.reshape(-1, 2))) for s in (one, other))
+    return int(one.mesh.comm.allreduce(len(ours & theirs)))
 
 
 def surface_normals(surface: ContactSurface, u: fem.Function) -> Array:
