@@ -25,7 +25,10 @@ def turned(angle, d):
     return Rotation.from_rotvec(angle * AXIS).as_matrix()
 
 
-def body(make, prefix, *, low, high, n, turn=None, energy="finite", traction=None, comm=None):
+def body(
+    make, prefix, *, low, high, n, turn=None, energy="finite", traction=None, comm=None,
+    degree=1, simplices=False,
+):  # fmt: skip
     """Build a rectangle or box; surfaces: 1 bottom, 3 left, 5 both.
 
     ``make(msh, surfaces)`` returns the contacts; the top is held by the Function ``top`` unless
@@ -33,8 +36,8 @@ def body(make, prefix, *, low, high, n, turn=None, energy="finite", traction=Non
     """
     d, comm = len(low), comm or MPI.COMM_WORLD
     create = mesh.create_rectangle if d == 2 else mesh.create_box
-    kind = mesh.CellType.quadrilateral if d == 2 else mesh.CellType.hexahedron
-    msh = create(comm, [list(low), list(high)], n, kind)
+    kinds = ("triangle", "tetrahedron") if simplices else ("quadrilateral", "hexahedron")
+    msh = create(comm, [list(low), list(high)], n, mesh.CellType[kinds[d - 2]])
     up = d - 1
     tags = tagged_facets(
         msh,
@@ -47,7 +50,7 @@ def body(make, prefix, *, low, high, n, turn=None, energy="finite", traction=Non
     corner = mesh.meshtags(msh, up, facets, np.full(len(facets), 5, dtype=np.int32))
     turn = np.eye(d) if turn is None else turn
     msh.geometry.x[:, :d] = msh.geometry.x[:, :d] @ turn.T
-    V = fem.functionspace(msh, ("Lagrange", 1, (d,)))
+    V = fem.functionspace(msh, ("Lagrange", degree, (d,)))
     u, v, top = fem.Function(V), ufl.TestFunction(V), fem.Function(V)
     density = {"finite": ff.bulk.neo_hooke_energy, "small": ff.bulk.small_strain_energy}[energy]
     stored = ff.bulk.stored_energy(density(u, ff.bulk.Elastic(1000.0, 0.3)), ufl.dx)

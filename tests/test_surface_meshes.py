@@ -8,8 +8,6 @@ from mpi4py import MPI
 import meshio
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from rectangles import body
@@ -185,17 +183,6 @@ def test_gaps_of_facets_can_be_closed_at_the_start():
         assert (largest < 1e-15) == (name == "closed")
     with pytest.raises(ff.ContactInputError, match=r"close_gaps = 9 m is more than"):
         on(ff.RigidSurface(*BALL, close_gaps=9.0), "far_")
-
-
-def test_displacements_of_degree_two_are_refused():
-    msh = mesh.create_unit_cube(MPI.COMM_WORLD, 2, 2, 2)
-    facets = mesh.locate_entities_boundary(msh, 2, lambda x: np.isclose(x[2], 0.0))
-    tags = mesh.meshtags(msh, 2, facets, np.ones(len(facets), dtype=np.int32))
-    u = fem.Function(fem.functionspace(msh, ("Lagrange", 2, (3,))))
-    contact = ff.Contact(ff.ContactSurface(msh, tags, 1), ff.RigidSurface(*BALL), ff.Frictionless())
-    F = ufl.inner(ufl.grad(u), ufl.grad(ufl.TestFunction(u.function_space))) * ufl.dx
-    with pytest.raises(ff.ContactInputError, match=r"met by P1, Q1 or MINI"):
-        ff.FrictionalContactProblem(F, u, contact=contact, petsc_options_prefix="p2_")
 
 
 def test_a_tool_in_the_plane_meets_no_body_in_space():

@@ -77,7 +77,7 @@ class Trail:
             x=(nodes.x[0][own], nodes.x[1][own]),
             directions=(nodes.normals[0][own], nodes.normals[1][own]),
             depths=(float(np.max(part, initial=0.0)) * sizes[0] + doubt, part * sizes[1] + doubt),
-            held_depths=(HELD_DEPTH * sizes[0] + doubt, HELD_DEPTH * sizes[1] + doubt),
+            held_depths=held_depths(sizes, doubt),
         )
 
 
@@ -99,6 +99,11 @@ class Motion:
     directions: tuple[Array, Array]
     depths: tuple[Array, Array]
     held_depths: tuple[Array, Array]
+
+
+def held_depths(sizes: tuple[Array, Array], doubt: float) -> tuple[Array, Array]:
+    """Return from where on nodes are behind faces that hold them, from the sizes of both (m)."""
+    return HELD_DEPTH * sizes[0] + doubt, HELD_DEPTH * sizes[1] + doubt
 
 
 def find_crossed(

@@ -39,10 +39,12 @@ class FacesMet:
 
     def anchor(self) -> None:
         """Pair the nodes at ``u_old``; collective."""
-        n = self._secondary.own.stop - self._secondary.own.start
-        held = self._side.c.x.array[: n * self._side.d : self._side.d] != 0.0
-        self.pairs = self.start = self._find(self._side.u_old, held)
+        self.pairs = self.start = self._find(self._side.u_old, self._closed())
         self._met = [self.pairs.face]
+
+    def _closed(self) -> npt.NDArray[np.bool_]:
+        """Tell which nodes were closed."""
+        return self._side.nodal(self._side.c)[:, 0] != 0.0
 
     def search(self) -> bool:
         """Look again for the faces at the current displacement; collective."""

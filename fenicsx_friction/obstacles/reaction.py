@@ -83,7 +83,7 @@ def body_slopes(pairing: RigidPairing) -> Array:
 def body_rows(pairing: RigidPairing, body: RigidBody) -> Array:
     """Return each node's share of the balance of the body (N): forces and moments; collective."""
     rows = pairing.averages(_at_sites(pairing, body).values)
-    return np.asarray(rows * body.released * pairing.area()[:, None])
+    return np.asarray(rows * body.released * pairing.acting_area()[:, None])
 
 
 def body_blocks(pairing: RigidPairing, body: RigidBody) -> list[Array]:
@@ -92,7 +92,8 @@ def body_blocks(pairing: RigidPairing, body: RigidBody) -> list[Array]:
     Blocks (nodes, rows, columns): the balance of forces of the stencil by the motion; the rows of
     the body (N) by the multipliers, by the stencil, and by the motion.
     """
-    at, area, free = _at_sites(pairing, body), pairing.area()[:, None, None], body.released[:, None]
+    at, free = _at_sites(pairing, body), body.released[:, None]
+    area = pairing.acting_area()[:, None, None]
     sites, size, d = at.by_x.shape
     forces = pairing.spread(at.force_by_q.reshape(sites, d * size))
     by_x = pairing.spread(at.by_x.reshape(sites, size * d))

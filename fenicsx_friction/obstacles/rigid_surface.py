@@ -29,6 +29,7 @@ from .search import SearchPolicy, check_positive
 from .side import Side
 from .surface_file import read_surface
 from .surface_pairing import SurfacePairing
+from .weighted_surface import WeightedSurface
 
 #: From this number of faces on a warning says that all ranks hold all of them.
 MANY = 1_000_000
@@ -43,7 +44,8 @@ class RigidSurface(MovedObstacle):
     until they do not change. Slip leads over any number of faces. The normals must point out of the
     tool, towards the deformable body: those of triangles whose nodes turn counter-clockwise as seen
     from there; the tool is on the left of a segment's way, the body on the right. All ranks hold
-    all faces. The displacement must have its dofs at vertices: P1, Q1 or MINI.
+    all faces. Displacements of degree 2 or more meet the tool on average over the faces round each
+    node, as other rigid obstacles; points beyond the tool's edges do not count.
 
     Attributes:
         points: Coordinates, (points, 2 or 3).
@@ -176,19 +178,20 @@ class RigidSurface(MovedObstacle):
         moved = ufl.dot(turned, X - point) + ufl.dot(normal + turned, away)
         return start + meets * moved, normal + turned
 
-    def meet(self, side: Side) -> SurfacePairing:
+    def meet(self, side: Side) -> SurfacePairing | WeightedSurface:
         """Return the pairing of a side's nodes with the tool; collective.
 
         Raises:
-            ContactInputError: If the displacement has dofs on edges or facets.
+            ContactInputError: If multipliers are at all nodes of a displacement of degree 2.
         """
-        if not nodal_on_facets(side.u.function_space):
+        if side.surface.degree > 1:
             raise ContactInputError(
-                f"The displacement, of {side.u.function_space.ufl_element()}, has dofs on edges or "
-                "facets; a RigidSurface is met by P1, Q1 or MINI. Take one of these, or "
-                "describe the tool by RigidSphere, RigidCylinder or an ImplicitObstacle."
+                f"Contact surface '{side.surface.name}' has degree = {side.surface.degree}: its "
+                "nodes do not meet a RigidSurface. Leave degree = 1, which averages over the "
+                "faces, or describe the tool by RigidSphere, RigidCylinder or an ImplicitObstacle."
             )
-        pairing = SurfacePairing(self, side)
+        nodal = nodal_on_facets(side.u.function_space)
+        pairing = (SurfacePairing if nodal else WeightedSurface)(self, side)
         if self.close_gaps is not None:
             pairing.close_gaps(self.close_gaps)
         return pairing

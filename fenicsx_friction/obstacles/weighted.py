@@ -58,10 +58,16 @@ class WeightedPairing(Averaged, RigidPairing):
         _check_kinks(side)
         self.axis = fem.Function(side.hint.function_space, name="mean_normal")
         super().__init__(obstacle, side)
-        gap, _ = self.near.gap_and_normal(ufl.SpatialCoordinate(side.surface.mesh), side.u)
-        self._gaps = NodalKernel(self._nodes, ufl.as_vector([gap]))
-        self._between = Between(obstacle, side, self.points, self._gaps_and_normals)
+        self._watch()
         self.anchor()
+
+    def _watch(self) -> None:
+        """Look for the obstacle at points and nodes of the faces; collective."""
+        gap, _ = self.near.gap_and_normal(
+            ufl.SpatialCoordinate(self.side.surface.mesh), self.side.u
+        )
+        self._gaps = NodalKernel(self._nodes, ufl.as_vector([gap]))
+        self._between = Between(self.obstacle, self.side, self.points, self._gaps_and_normals)
 
     def _axis(self) -> fem.Function:
         """Return the mean normals at the start of the step."""
@@ -131,7 +137,7 @@ class WeightedPairing(Averaged, RigidPairing):
         """Return all points (m) and the forces on the body there (N)."""
         points, values = self.points, self.kernel.values()
         c = self.side.nodal(self.side.c)[points.node_of_point]
-        areas = (points.area[points.node][:, None] * points.share).ravel()
+        areas = (self.acting_area()[points.node][:, None] * points.share).ravel()
         forces = np.einsum("p,pk,pkd->pd", areas, c, frames(values, self.side.d))
         return values[:, slice(*slices(self.side.d)[-1])], forces
 

@@ -83,6 +83,7 @@ class FacePoints:
         self.share = weights / self.area[self.node][:, None]
         d = self.mesh.geometry.dim
         self.x = faces.x[self._face].reshape(-1, d)
+        self._given: dict[fem.Function, Array] = {}
         self._number_dofs(faces.dofs)
 
     def _number_dofs(self, dofs: Indices) -> None:
@@ -120,9 +121,15 @@ class FacePoints:
         """The owned node of each point."""
         return np.repeat(self.node, self.share.shape[1])
 
+    def give(self, f: fem.Function, rows: Array) -> None:
+        """Let a Function stand for rows of its own, one a point, which are read when needed."""
+        self._given[f] = rows
+
     def reader(self, f: fem.Function) -> Callable[[], Array] | None:
         """Return what reads a displacement at the points, or a node's vector at all of its own."""
         V = f.function_space
+        if f in self._given:
+            return lambda: self._given[f]
         if is_global(V):
             return lambda: np.tile(f.x.array, (self.num_owned, 1))
         if V == self._V:
