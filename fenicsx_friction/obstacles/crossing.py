@@ -125,12 +125,12 @@ def find_crossed(
     motion = _seen_from_faces(motion)
     crossed = np.full(len(started), -1, dtype=np.int64)
     warp, number = _warp(faces, motion) / 8.0, len(faces.faces)
-    held = np.zeros(0, dtype=np.int64) if met is None else _keys(met)
+    held = np.zeros(0, dtype=np.int64) if met is None else _keys(met)  # sorted
     for i, f in _candidates(faces, motion):
         triangles = [simplices(faces.cell, face_x[faces.faces[f]]) for face_x in motion.face_x]
         parts, d = triangles[0].shape[1:3]
         first, last = (t.reshape(-1, d, d) for t in triangles)
-        by_held = np.isin(i * number + f, held)
+        by_held = _among(held, i * number + f)
         of_face, of_node = (
             np.where(by_held, deep[j], depth[j])
             for depth, deep, j in zip(motion.depths, motion.held_depths, (f, i), strict=True)
@@ -146,9 +146,18 @@ def find_crossed(
 
 
 def _keys(met: scipy.sparse.csr_array) -> Indices:
-    """Return the pairs of nodes and faces of a matrix as numbers."""
+    """Return the pairs of nodes and faces of a matrix as numbers, sorted."""
     pairs = met.tocoo()
-    return np.asarray(pairs.row.astype(np.int64) * met.shape[1] + pairs.col)
+    return np.sort(pairs.row.astype(np.int64) * met.shape[1] + pairs.col)
+
+
+def _among(sorted_keys: Indices, keys: Indices) -> Mask:
+    """Tell which keys are among others, in a time that hardly grows with their number."""
+    place = np.searchsorted(sorted_keys, keys)
+    inside = place < len(sorted_keys)
+    result = np.zeros(len(keys), dtype=bool)
+    result[inside] = sorted_keys[place[inside]] == keys[inside]
+    return result
 
 
 def _seen_from_faces(motion: Motion) -> Motion:
