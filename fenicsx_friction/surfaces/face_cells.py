@@ -181,16 +181,18 @@ def project(cell: FaceCell, face: Array, x: Array, start: Array | None = None) -
     xi = np.tile(cell.center, (len(x), 1)) if start is None else start.copy()
     nodes = [face[:, i].T for i in range(cell.nodes)]
     with np.errstate(all="ignore"):
-        for _ in range(MAX_IT):
-            new = np.stack(newton_step(cell, list(xi.T), nodes, x.T, _dot), axis=1)
-            if cell.twist() is None:  # one step is exact on flat faces
-                return new
-            new = xi + np.clip(new - xi, -1.0, 1.0)
-            moved = np.max(abs(new - xi), axis=1, initial=0.0)
-            xi = new
-            if np.max(moved, initial=0.0, where=np.isfinite(moved)) < TOLERANCE:
+        if cell.twist() is None:  # one step is exact on flat faces
+            return np.stack(newton_step(cell, list(xi.T), nodes, x.T, _dot), axis=1)
+        moved, going = np.full(len(x), np.inf), np.arange(len(x))
+        for _ in range(MAX_IT):  # each row as long as it moves
+            row, corners = xi[going], [node[:, going] for node in nodes]
+            new = np.stack(newton_step(cell, list(row.T), corners, x[going].T, _dot), axis=1)
+            xi[going] = row + np.clip(new - row, -1.0, 1.0)
+            moved[going] = np.max(abs(xi[going] - row), axis=1, initial=0.0)
+            going = going[moved[going] >= TOLERANCE]
+            if len(going) == 0:
                 break
-        xi[moved > CONVERGED] = np.nan
+        xi[~(moved <= CONVERGED)] = np.nan
     return xi
 
 
