@@ -144,7 +144,7 @@ def sides(msh, up, levels, eps, all_round=False):
         eps: Tolerance (m).
         all_round: The sides of the bodies are 1 and 2, too.
     """
-    low, primary, secondary, high = levels
+    _, primary, secondary, _ = levels
     tdim = msh.topology.dim
     facets = mesh.locate_entities_boundary(msh, tdim - 1, lambda x: np.full(x.shape[1], True))
     msh.topology.create_connectivity(tdim - 1, tdim)

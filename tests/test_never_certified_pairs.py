@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import fenicsx_friction as ff
-from fenicsx_friction.obstacles import search
 from bodies import stack
+from fenicsx_friction.obstacles import search
 from models import with_contact
 from shapes import BALL, ball
 
