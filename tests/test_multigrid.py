@@ -59,7 +59,7 @@ def assert_same(direct, multigrid):
 
 @pytest.mark.quick
 @pytest.mark.parametrize("energy", ["small", "finite"])
-@pytest.mark.parametrize("mu", [0.0, 0.3, 1.0, 5.0])
+@pytest.mark.parametrize("mu", [0.0, 0.3, 5.0])
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_block_on_a_plane(cell, mu, energy):
     def made(linear):
