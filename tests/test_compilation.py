@@ -151,11 +151,12 @@ def test_run_after_a_killed_or_interrupted_one_works(number, tmp_path):
     """See killed_compilation.py, which does this at random moments."""
     process = subprocess.Popen(
         [sys.executable, SCRIPT], env={**os.environ, "XDG_CACHE_HOME": str(tmp_path)},
-        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     folder = tmp_path / "fenics" / "fenicsx_friction"
     while not list(folder.glob("*.c")):
+        assert process.poll() is None, process.communicate()[0]
         time.sleep(1e-3)
     process.send_signal(number)
     process.communicate()

@@ -204,7 +204,7 @@ def test_sliding_far_round_an_obstacle_with_frames_chosen_anew(name):
         )
         first = model.contact.hint.x.array.copy()
         history = []
-        for angle in np.radians([0, 25, 50, 75, 105, 130, 150]):
+        for angle in np.radians(range(0, 151, 10)):
             R = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
             down = R @ np.array([0.0, 0.0, -0.03])
             model.place(turn @ R @ turn.T, turn @ down)
@@ -218,7 +218,7 @@ def test_sliding_far_round_an_obstacle_with_frames_chosen_anew(name):
     size = np.max(abs(results[0]))
     assert results[1] == pytest.approx(results[0], abs=1e-8 * size)
     # Round the axis the last steps repeat the same picture, turned.
-    R = Rotation.from_rotvec([0.0, np.radians(20.0), 0.0]).as_matrix()
+    R = Rotation.from_rotvec([0.0, np.radians(10.0), 0.0]).as_matrix()
     assert results[0][-1] == pytest.approx(R @ results[0][-2], abs=1e-3 * size)
     report = check_jacobian(model.problem)
     assert report.error < 1e-6, str(report)

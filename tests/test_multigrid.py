@@ -59,7 +59,7 @@ def assert_same(direct, multigrid):
 
 @pytest.mark.quick
 @pytest.mark.parametrize("energy", ["small", "finite"])
-@pytest.mark.parametrize("mu", [0.0, 0.3, 1.0, 5.0])
+@pytest.mark.parametrize("mu", [0.0, 0.3, 5.0])
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_block_on_a_plane(cell, mu, energy):
     def made(linear):
@@ -74,7 +74,7 @@ def test_block_on_a_plane(cell, mu, energy):
 @pytest.mark.parametrize("law", LAWS)
 def test_laws(law):
     def made(linear):
-        body = block("hexahedron", 0.1, f"mg_{law}_{linear}_body_", n=(8, 8, 8))
+        body = block("hexahedron", 0.1, f"mg_{law}_{linear}_body_", n=(6, 6, 6))
         surface, plane = body.contact.surface, body.contact.obstacle
         contact = ff.Contact(surface, plane, LAWS[law])
         options = {"linear_solver": linear, "settings": ff.StepSettings(solver="full")}
@@ -87,7 +87,7 @@ def test_laws(law):
 @pytest.mark.parametrize("kind", ["sphere", "cylinder"])
 def test_obstacles(kind):
     def made(linear):
-        body = block("hexahedron", 0.1, f"mg_{kind}_{linear}_body_", n=(8, 8, 8), energy="finite")
+        body = block("hexahedron", 0.1, f"mg_{kind}_{linear}_body_", n=(6, 6, 6), energy="finite")
         if kind == "sphere":
             obstacle = ff.RigidSphere((0.6, 0.45, -0.8), 0.8)
         else:

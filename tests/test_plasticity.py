@@ -94,8 +94,10 @@ def press(t):
     return 20.0 * t
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize(("error", "fails"), [(None, {2, 3, 6}), (1e9, {2, 6, 11})])
+@pytest.mark.parametrize(
+    ("error", "fails"),
+    [pytest.param(None, {2, 3, 6}, marks=pytest.mark.mpi), (1e9, {2, 6, 11})],
+)
 def test_cut_steps_leave_the_history_of_the_same_steps_without_cuts(error, fails, monkeypatch):
     cut, fixed = ball("cut_"), ball("fixed_")
     failing(cut.problem, monkeypatch, lambda n: n in fails)

@@ -118,7 +118,7 @@ def rolled(obstacle, name, d, n):
 
 
 @pytest.mark.parametrize(
-    ("d", "numbers", "n"), [(2, (40, 160, 640), [16, 8]), (3, (500, 2000, 8000), [6, 6, 2])]
+    ("d", "numbers", "n"), [(2, (40, 640), [16, 8]), (3, (500, 8000), [6, 6, 2])]
 )
 def test_balls_in_ever_finer_faces_tend_to_the_ball(d, numbers, n):
     """Faster than with the size of the faces: gaps err with its square, normals with itself."""
@@ -132,7 +132,7 @@ def test_balls_in_ever_finer_faces_tend_to_the_ball(d, numbers, n):
         found = rolled(tool, f"ball{d}{number}_", d, n)
         totals = [np.sum(f, axis=1) for f in (found, exact)]
         errors.append([distance(found, exact), distance(*totals)])
-    (first, first_total), _, (last, last_total) = errors
+    (first, first_total), (last, last_total) = errors
     finer = np.log(numbers[-1] / numbers[0]) / (d - 1)
     assert last_total < 0.02 and np.log(first_total / last_total) > 1.4 * finer
     assert last < 0.03 and np.log(first / last) > 1.0 * finer

@@ -141,10 +141,10 @@ def test_bodies_are_counted_on_any_number_of_ranks():
 @pytest.mark.parametrize("r_p", [pytest.param(1.0, marks=pytest.mark.mpi), 1e-3, 1e9])
 def test_the_certificate_does_not_believe_r_p(r_p):
     """A scale of the rows that is far from the stiffness may cost a solution, not its truth."""
-    model = block("hexahedron", 0.3, f"r{r_p:g}_")
+    model = block("hexahedron", 0.3, f"r{r_p:g}_", n=(2, 2, 1))
     model.move(0.0, 0.0, -0.01)
     plain = model.problem.solve()
-    other = block("hexahedron", 0.3, f"other{r_p:g}_")
+    other = block("hexahedron", 0.3, f"other{r_p:g}_", n=(2, 2, 1))
     contact = ff.Contact(
         other.contact.surface, other.contact.obstacle, other.contact.friction, r_p=r_p
     )

@@ -46,35 +46,37 @@ def test_two_bodies_from_gmsh_are_hertz_and_mindlin(tmp_path):
 
 
 def test_a_long_history_goes_on_after_an_interrupt(tmp_path):
-    """In two parts as in one; a settled loop has the area of the work of friction."""
+    """A cycle beyond it as without; a settled loop has the area of the work of friction."""
     script, whole, parts = DEMOS / "demo_long_history.py", tmp_path / "whole", tmp_path / "parts"
-    for folder, until in ((whole, 9), (parts, 1.3), (parts, 9)):
+    for folder, until in ((whole, 2.3), (parts, 1.3), (parts, 9)):
         done = run(script, "--until", until, "--output", folder)
         assert done.returncode == 0, done.stdout + done.stderr
     one, other = (ff.plot.table(folder) for folder in (whole, parts))
     assert "From time 1.3" in done.stdout
+    steps = len(one["time"])
+    assert 2.3 <= one["time"][-1] < 2.4
     for column in ("time", "force_x", "frictional_work", "stored"):
-        assert other[column] == pytest.approx(one[column], rel=1e-9, abs=1e-9)
+        assert other[column][:steps] == pytest.approx(one[column], rel=1e-9, abs=1e-9)
     told = [numbers_of(line)[1:] for line in done.stdout.splitlines() if "Cycle" in line]
     assert told[1] == pytest.approx(told[2], rel=1e-6)  # settled
     assert told[2][0] == pytest.approx(told[2][1], rel=0.01)
     assert told[0][0] > told[0][1]  # the first cycle begins without shear and stores some
     work, stored, friction, defect = (
-        np.sum(one[k]) for k in ("external_work", "stored", "dissipation", "defect")
+        np.sum(other[k]) for k in ("external_work", "stored", "dissipation", "defect")
     )
     assert work == pytest.approx(stored + friction + defect, rel=1e-12)
     assert abs(defect) < 0.01 * work
-    assert (parts / "events.csv").read_text() == (whole / "events.csv").read_text()
+    assert (parts / "events.csv").read_text().startswith((whole / "events.csv").read_text())
     assert (parts / "history.png").stat().st_size > 10_000
 
 
 def test_a_large_model_costs_as_its_mesh(tmp_path):
     """Hertz's force, but that the block is small and held; iterations hardly grow."""
-    done = run(DEMOS / "demo_large_model.py", "--cells", 12, 20, "--output", tmp_path)
+    done = run(DEMOS / "demo_large_model.py", "--cells", 10, 16, "--output", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     coarse, fine = (numbers_of(line) for line in done.stdout.splitlines())
     displacements, force, shear, stick, slip, newton, krylov = fine[1:8]
-    assert displacements == 3 * 21**3
+    assert displacements == 3 * 17**3
     assert 1.0 < force < 1.1
     assert 0.0 < shear < 0.3 and min(stick, slip) > 0
     assert newton < krylov < 1.5 * coarse[7]

@@ -117,7 +117,7 @@ def test_cycling_nodes_are_named_with_their_states(monkeypatch):
 
 @pytest.mark.quick
 def test_failure_is_explained():
-    model = raous(8, 8, 1.0, "explained_")
+    model = raous(4, 4, 1.0, "explained_")
     stepper = LoadStepper(
         model.problem, lambda t: model.load(3 * t, 1 - 2 * t), end=1.0, step=0.5, smallest=0.2
     )

@@ -20,7 +20,7 @@ def turning():
         return 0.004 * np.sin(t), 0.004 * (1.0 - np.cos(t)), -0.01 + 0.002 * t
 
     for error in (0.1, 1e-2, 1e-3, None):
-        model = block("hexahedron", 0.4, f"turning_{error}_")
+        model = block("hexahedron", 0.4, f"turning_{error}_", n=(2, 2, 1))
         model.move(*way(0.0))
         model.problem.solve()
         size = 1.5 if error else 0.03
