@@ -31,10 +31,10 @@ serial:  ## inside the environment: tests on one rank, counts of iterations
 	$(PYTEST) -n 2 --dist worksteal -m "not weekly"
 	python3 benchmarks/counts.py
 
-# On two ranks four variations of a test are enough: they differ in what a rank does alone;
+# On two ranks three variations of a test are enough: they differ in what a rank does alone;
 # `make weekly` has all.
 ranks:  ## inside the environment: tests on N ranks
-	$(RANKS) -n $(N) $(PYTEST) -p no:xdist -m mpi --variations 4
+	$(RANKS) -n $(N) $(PYTEST) -p no:xdist -m mpi --variations 3
 
 weekly:  ## what takes longer: long demos, three ranks, random problems against the exact solver
 	$(RUN) $(PYTEST) -m weekly
