@@ -286,7 +286,8 @@ def test_concentric_spheres_stay_among_published_forces(mu, end, codes, tmp_path
 
     CalculiX 2.20 is, too, on the same mesh (C3D8, surface to surface): within 1 % of it.
     """
-    done = run(DEMOS / "demo_concentric_spheres.py", "--mu", mu, "--end", end, "--step", 0.5 if mu else 0.25,
+    step = 0.5 if mu else 0.25
+    done = run(DEMOS / "demo_concentric_spheres.py", "--mu", mu, "--end", end, "--step", step,
                "--output", tmp_path)  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     table = rows(tmp_path / f"coarse_nodes_mu{mu}" / "force.csv")
