@@ -7,7 +7,7 @@ import pytest
 
 import fenicsx_friction as ff
 from bodies import stack
-from fenicsx_friction.obstacles import search
+from fenicsx_friction.obstacles.face_pairs import FacesMet
 from models import with_contact
 from shapes import BALL, ball
 
@@ -169,7 +169,7 @@ def test_nodes_do_not_hook_on_to_sides_that_stand_across():
 
 
 def test_they_would_hook_on_to_sides_that_stand_a_little_away(monkeypatch):
-    monkeypatch.setattr(search, "FACING", 0.0)
+    monkeypatch.setattr(FacesMet, "facing", 0.0)
     with pytest.raises(AssertionError):
         test_nodes_do_not_hook_on_to_sides_that_stand_across()
 

@@ -9,9 +9,9 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from bodies import box, joined
-from fenicsx_friction.obstacles import search, self_pairs
+from fenicsx_friction.obstacles import self_pairs
 from fenicsx_friction.obstacles.roles import Roles
-from fenicsx_friction.obstacles.self_pairs import Shape
+from fenicsx_friction.obstacles.self_pairs import SelfPairs, Shape
 from folds import column, stored, tube
 
 #: Plates come closer by these parts of a radius; the inside of the tube meets itself near 0.82.
@@ -180,7 +180,7 @@ def test_the_foot_of_a_wall_is_not_met_sideways(monkeypatch):
     (beside,) = np.flatnonzero(np.linalg.norm(x[:, :2] - [1.125, 1.0], axis=1) < 1e-6)
     pairing.anchor()
     assert pairing.started()[beside] == -1
-    monkeypatch.setattr(search, "FACING", 0.0)
+    monkeypatch.setattr(SelfPairs, "facing", 0.0)
     pairing.anchor()
     assert pairing.started()[beside] >= 0
 

@@ -3,18 +3,15 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
-
 import numpy as np
 from dolfinx import fem
 
-from .against_faces import AgainstFaces, beside
+from .against_faces import AgainstFaces
 from .averaged import DEEP
-from .crossing import Motion, find_crossed, held_depths
+from .crossing import HELD_DEPTH, Motion, find_crossed
 from .pairing import Mask
 from .search import find_pairs
 from .tool import Tool
-from .two_bodies import Indices
 from .view import View
 
 
@@ -28,10 +25,6 @@ class AgainstTool(AgainstFaces):
         self._tool, self._outward = tool, tool.outward()
         self._face(tool.faces, tool.secondary, tool.policy, f"the {other}")
 
-    @abstractmethod
-    def _held_by(self, closed: Mask) -> tuple[Indices, Indices]:
-        """Return owned nodes that are closed and the (cut) faces that hold them, in pairs."""
-
     def pierced(self, closed: Mask) -> Mask:
         """Tell which nodes have faces that corners of the tool have gone into; collective.
 
@@ -42,27 +35,28 @@ class AgainstTool(AgainstFaces):
         start, end = (body.positions(u) for u in (side.u_old, side.u))
         corners, directions = tool.corners(start, end, body.size)
         mine = slice(comm.rank, None, comm.size)
-        corners, x, directions = corners[mine], tool.whole.X[corners[mine]], directions[mine]
-        nodes, faces = self._held_by(closed)
-        held = np.column_stack([nodes + own.start, tool.whole_of(faces)])
-        held = np.concatenate(comm.allgather(held))
-        around = tool.whole.faces[held[:, 1]]
-        place = np.full(len(tool.whole.X), -1)
-        place[corners] = np.arange(len(corners))
-        i, j = place[around].ravel(), np.repeat(held[:, 0], around.shape[1])
-        met = beside(body, i[i >= 0], j[i >= 0], len(corners))
-        sizes = body.sizes, np.full(len(corners), np.inf)
+        x, directions = tool.whole.X[corners[mine]], directions[mine]
+        held = np.any(self._at_contact(closed)[body.faces], axis=1)
+        deep = np.where(held, HELD_DEPTH, DEEP) * body.sizes + self._doubt
+        depths = deep, np.full(len(x), np.inf)
         motion = Motion(
             face_x=(start, end),
             x=(x, x),
             directions=(directions, directions),
-            depths=(DEEP * sizes[0] + self._doubt, sizes[1]),
-            held_depths=held_depths(sizes, self._doubt),
+            depths=depths,
+            held_depths=depths,
         )
         before = find_pairs(body, start, x, directions, self.policy, np.ones(len(x), bool)).face
-        entered = find_crossed(body, motion, before, met)
+        entered = find_crossed(body, motion, before)
         entered = np.concatenate(comm.allgather(entered[entered >= 0]))
         return np.isin(np.arange(own.start, own.stop), body.faces[entered])
+
+    def _at_contact(self, closed: Mask) -> Mask:
+        """Tell which nodes of all ranks are closed, or beside such a node; collective."""
+        body = self._secondary
+        found = np.asarray(body.gather(closed))
+        found[body.faces[np.any(found[body.faces], axis=1)]] = True
+        return found
 
     def view(self, u: fem.Function) -> View:
         """Return how the nearest faces look at the nodes; collective."""

@@ -26,7 +26,7 @@ from .ways import Indices, Mask, Way, simplices
 #: A node is behind a face from this fraction of the smaller face on, plus what the face is warped.
 DEPTH = 1e-3
 #: The same for faces that hold the node, and those beside them.
-HELD_DEPTH = 0.25
+HELD_DEPTH = 0.5
 #: Cosine of the normals of entry and exit from which the exit is on the far side.
 FAR_SIDE = -0.1
 #: Nodes that are tested together.

@@ -12,7 +12,7 @@ from dolfinx import fem
 from ..base.collective import any_rank
 from ..surfaces.face_cells import project
 from ..surfaces.faces import Faces, FaceSet
-from .search import Pairs, SearchPolicy, find_pairs
+from .search import FACING, Pairs, SearchPolicy, find_pairs
 from .side import Side
 
 
@@ -32,6 +32,8 @@ class FacesMet:
 
     #: What :meth:`save` keeps, beside the faces met: arrays that are replaced, never changed.
     _STATE: tuple[str, ...] = ("pairs", "start")
+    #: Cosine of the normals of node and face up to which they face each other.
+    facing = FACING
 
     def __init__(self, faces: Faces, secondary: FaceSet, policy: SearchPolicy, side: Side) -> None:
         self._faces, self._secondary, self._policy, self._side = faces, secondary, policy, side
@@ -92,6 +94,7 @@ class FacesMet:
             held,
             last,
             keep=keep,
+            facing=self.facing,
         )
 
 

@@ -102,6 +102,7 @@ def find_pairs(
     last: Pairs | None = None,
     *,
     keep: npt.ArrayLike = 0.0,
+    facing: float = FACING,
     may_meet: MayMeet | None = None,
 ) -> Pairs:
     """Pair nodes with the nearest face that faces them.
@@ -114,12 +115,12 @@ def find_pairs(
         policy: What to accept.
         held: Nodes that keep a face up to ``policy.leave``; the others up to ``policy.enter``.
         last: The pairs so far.
-        keep: Fraction of a face by which a node may have left its last face and still keep it, for
-            all nodes or for each.
+        keep: Fraction of a face by which nodes, or each, may have left their last face and keep it.
+        facing: Cosine of the normals of node and face up to which they face each other.
         may_meet: Tells which nodes may meet which faces at all; by default all.
     """
     result = Pairs(np.full(len(x), -1, dtype=np.int64), np.tile(faces.cell.center, (len(x), 1)))
-    i, f = _candidates(faces, face_x, x, directions, policy, last, may_meet)
+    i, f = _candidates(faces, face_x, x, directions, policy, last, facing, may_meet)
     near = _nearest(faces, face_x, x, i, f, last, np.broadcast_to(keep, len(x)))
     allowed = np.where(held, policy.leave, policy.enter)
     good = (near.overhang <= allowed) & (abs(near.gap) <= policy.distance(faces))
@@ -203,6 +204,7 @@ def _candidates(
     directions: Array,
     policy: SearchPolicy,
     last: Pairs | None,
+    facing: float,
     may_meet: MayMeet | None,
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return nodes and faces that may be pairs, from a tree of the faces' centers.
@@ -214,12 +216,11 @@ def _candidates(
     tree, reach = scipy.spatial.cKDTree(center), policy.distance(faces) + np.max(radius)
     middle = np.tile(faces.cell.center, (len(corners), 1))
     normal = normals(faces.cell, corners, middle)
-    none = np.zeros(0, dtype=np.int64)
-    found = [(none, none)]
+    found = [(np.zeros(0, dtype=np.int64),) * 2]
     for start in range(0, len(x), BLOCK):  # a tool may have many faces within reach
         i, f = flat(tree.query_ball_point(x[start : start + BLOCK], reach))
         i += start
-        looks = np.sum(normal[f] * directions[i], axis=1) < FACING
+        looks = np.sum(normal[f] * directions[i], axis=1) < facing
         i, f = i[looks], f[looks]
         if may_meet is not None:
             allowed = may_meet(i, f)
@@ -231,8 +232,7 @@ def _candidates(
         if last is not None:
             possible |= f == last.face[i]
         found.append((i[possible], f[possible]))
-    nodes, near = (np.concatenate(part) for part in zip(*found, strict=True))
-    return nodes, near
+    return np.concatenate([i for i, _ in found]), np.concatenate([f for _, f in found])
 
 
 def balls(corners: Array) -> tuple[Array, Array]:

@@ -194,7 +194,7 @@ class SelfPairs(FacePairs):
             self._accepted = now
         nodes = (now.x[own], now.directions[own], self._policy, held, last)
         may_meet = partial(self._may_meet, now)
-        found = find_pairs(faces, now.x, *nodes, keep=keep, may_meet=may_meet)
+        found = find_pairs(faces, now.x, *nodes, keep=keep, facing=self.facing, may_meet=may_meet)
         if last is None:
             self.before = found.face
         self.faces_something = found.paired

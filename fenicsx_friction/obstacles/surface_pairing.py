@@ -10,12 +10,11 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from .against_tool import AgainstTool
-from .face_pairs import FacesMet
 from .kinematics import Array
 from .pairing import Mask
 from .rigid_pairing import RigidPairing
 from .side import Side
-from .tool import Tool
+from .tool import NodesMet, Tool
 
 
 class SurfacePairing(AgainstTool, RigidPairing):
@@ -36,7 +35,7 @@ class SurfacePairing(AgainstTool, RigidPairing):
         tool, n = Tool(obstacle, side), side.surface.num_owned
         self._take(tool, type(obstacle).__name__)
         self._planes = self.near.planes.x.array.reshape(-1, 2 * side.d + 2)[:n]
-        self._met = FacesMet(tool.faces, tool.secondary, tool.policy, side)
+        self._met = NodesMet(tool.faces, tool.secondary, tool.policy, side)
         self._start()
 
     def _axis(self) -> fem.Function | None:
@@ -103,11 +102,6 @@ class SurfacePairing(AgainstTool, RigidPairing):
     def couples(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """Return owned nodes and the nodes of the faces that they meet now, in pairs."""
         return self.couples_of(self._met.pairs)
-
-    def _held_by(self, closed: Mask) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Return owned nodes that are closed and the faces that hold them, in pairs."""
-        node = np.flatnonzero(closed & self.meeting())
-        return node, self._met.pairs.face[node]
 
     def rounding(self) -> Array:
         """Return the lengths whose rounding gaps contain: those of planes that are moved."""

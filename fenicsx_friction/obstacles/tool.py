@@ -14,6 +14,7 @@ from dolfinx import fem
 from ..surfaces.bisection import cut
 from ..surfaces.face_cells import blend, normals, shape_matrix
 from ..surfaces.faces import Faces, FaceSet
+from .face_pairs import FacesMet
 from .kinematics import Array
 from .motion import Motion
 from .search import TIE, Pairs, SearchPolicy, nearest_faces
@@ -55,10 +56,6 @@ class Tool:
         self.faces, self.policy = Faces(whole.cell, X, parts), obstacle.search or SearchPolicy()
         if self.policy.reach is None:
             self.policy = replace(self.policy, reach=2.0 * max(size, self.faces.size))
-
-    def whole_of(self, faces: Indices) -> Indices:
-        """Return the faces, as given, that others are parts of."""
-        return self._part_of[faces]
 
     def corners(self, start: Array, end: Array, margin: float) -> tuple[Indices, Array]:
         """Return corners of the tool that the body may have met in a step, and their normals.
@@ -160,3 +157,9 @@ class FromTool(FaceSet):
         if self._motion is None:
             return x
         return self._motion.undone(self._motion.carried(x) if u is self._u_old else x)
+
+
+class NodesMet(FacesMet):
+    """The faces of a tool that nodes meet within a step; steep ones, too, as walls in their way."""
+
+    facing = 0.0

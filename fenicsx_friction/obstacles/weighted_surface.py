@@ -3,77 +3,29 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
 from ..surfaces.face_points import FacePoints
 from ..surfaces.nodal_kernel import Sites
-from .against_faces import beside
 from .against_tool import AgainstTool
 from .averaged import DEEP
 from .between import Between
-from .crossing import Motion, find_crossed, held_depths
-from .face_pairs import FacesMet
+from .crossing import HELD_DEPTH, Motion, find_crossed
 from .kinematics import Array
 from .pairing import Mask
-from .search import Pairs, find_pairs
+from .points_met import PointsMet
+from .search import Pairs
 from .side import Side
 from .tool import Tool
 from .weighted import WeightedPairing
 
-#: Points count up to this part of a face beyond the edge if they did before.
-BEYOND = 0.05
+Indices = npt.NDArray[np.int64]
+
 #: Nodes meet nothing if less of their average than this is in front of faces.
 COVER = 0.05
-
-
-class PointsMet(FacesMet):
-    """The faces of a tool that points between the nodes of a side meet within a step.
-
-    Args:
-        tool: The tool.
-        points: The points.
-    """
-
-    def __init__(self, tool: Tool, points: FacePoints) -> None:
-        self._tool, self._points = tool, points
-        # A little more room for those that have a face, or they would come and go.
-        policy = replace(tool.policy, enter=0.0, leave=BEYOND)
-        super().__init__(tool.faces, tool.secondary, policy, tool.side)
-
-    def positions(self, u: fem.Function) -> Array:
-        """Return where the points are beside the unmoved tool at a displacement; collective."""
-        moved = self._points.interpolate(self._points.gather_all(u.x.array))
-        return self._tool.secondary.beside(self._points.x + moved, u)
-
-    def directions(self, u: fem.Function) -> Array:
-        """Return the averaged normals of their nodes; collective."""
-        nodes = self._tool.secondary
-        return nodes.node_normals(nodes.positions(u))[nodes.own][self._points.node_of_point]
-
-    def depths(self, offset: Array) -> Array:
-        """Return how deep the points are behind their faces now (m), or ``-inf``; collective.
-
-        Args:
-            offset: What is subtracted from their gaps (m).
-        """
-        x, pairs = self.positions(self._side.u), self.pairs
-        return np.where(pairs.paired, offset - self._tool.distances(pairs, x), -np.inf)
-
-    def _closed(self) -> Mask:
-        """Tell which points have nodes that are closed."""
-        return super()._closed()[self._points.node_of_point]
-
-    def _find(
-        self, u: fem.Function, held: Mask, last: Pairs | None = None, keep: npt.ArrayLike = 0.0
-    ) -> Pairs:
-        """Pair the points at a displacement; collective."""
-        parts = (self.positions(u), self.directions(u), self._policy, held, last)
-        return find_pairs(self._faces, self._faces.X, *parts, keep=keep)
 
 
 class WeightedSurface(AgainstTool, WeightedPairing):
@@ -89,8 +41,6 @@ class WeightedSurface(AgainstTool, WeightedPairing):
     """
 
     near: Any
-    #: Open nodes may have points behind faces: the node counts on average.
-    behind = DEEP
 
     def __init__(self, obstacle: Any, side: Side) -> None:
         super().__init__(obstacle, side)
@@ -175,31 +125,60 @@ class WeightedSurface(AgainstTool, WeightedPairing):
         """Return points and the nodes of the faces that they meet now, in pairs."""
         return self.couples_of(self._met.pairs)
 
-    def _held_by(self, closed: Mask) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Return nodes of points that are closed and the faces that hold these, in pairs."""
-        node, pairs = self.points.node_of_point, self._met.pairs
-        found = np.flatnonzero(closed[node] & pairs.paired)
-        return node[found], pairs.face[found]
-
     def crossed(self, closed: Mask) -> Mask:
         """Tell which nodes have points that went through faces in the step; collective."""
         node, side, met = self.points.node_of_point, self.side, self._met
-        i, j = self.couples()
-        held = closed[node[i]]
         ends = (side.u_old, side.u)
         # However fine the tool, the body meets it as its own faces can.
         of_face = np.full(len(self.faces.faces), np.inf)
-        of_node = self._secondary.node_sizes()[self._secondary.own][node]
+        of_node = DEEP * self._secondary.node_sizes()[self._secondary.own][node] + self._doubt
         motion = Motion(
             face_x=(self.faces.X, self.faces.X),
             x=(met.positions(ends[0]), met.positions(ends[1])),
             directions=(met.directions(ends[0]), met.directions(ends[1])),
-            depths=(self.behind * of_face + self._doubt, self.behind * of_node + self._doubt),
-            held_depths=held_depths((of_face, of_node), self._doubt),
+            depths=(of_face, of_node),
+            held_depths=(of_face, of_node),
         )
-        by = beside(self.faces, i[held], j[held], len(node))
-        found = find_crossed(self.faces, motion, met.start.face, by) >= 0
+        face = find_crossed(self.faces, motion, met.start.face)
+        point = np.flatnonzero(face >= 0)
+        found = np.zeros(len(node), dtype=bool)
+        found[point] = ~self._under_the_top(point, face[point], closed)
         return np.bincount(node, found, minlength=len(closed)) > 0.0
+
+    def _under_the_top(self, point: Indices, side: Indices, closed: Mask) -> Mask:
+        """Tell which points are little below the face that they meet, and so behind a side of it.
+
+        Not those behind a wall that rises from their face.
+
+        Args:
+            point: Points.
+            side: Faces that they are behind.
+            closed: Closed nodes.
+        """
+        met, offset = self._met, self.offset[self.points.node_of_point]
+        pairs = Pairs(met.pairs.face[point], met.pairs.xi[point])
+        limit = self._too_deep(self.points, closed)
+        shallow = pairs.paired & (met.depths(offset) <= limit)[point]
+        middle = self.faces.X[self.faces.faces[side]].mean(axis=1)
+        return np.asarray(shallow & (self._tool.distances(pairs, middle) < 0.0))
+
+    def missed(self, closed: Mask) -> Mask:
+        """Tell which open nodes have faces that the tool enters deeply; collective."""
+        result = np.zeros(len(closed), dtype=bool)
+        for depths, sites in zip(self._depths(), (self.points, self._nodes), strict=True):
+            deep = depths > self._too_deep(sites, closed)
+            result |= np.bincount(sites.node_of_point, deep, minlength=len(closed)) > 0.0
+        return result & ~closed
+
+    def _too_deep(self, sites: FacePoints, closed: Mask) -> Array:
+        """Return from which depth on points are too deep in the tool (m); collective.
+
+        Faces at contact are before the tool on average only.
+        """
+        held = np.any(self._at_contact(closed)[sites.around], axis=1)
+        part = np.repeat(np.where(held, HELD_DEPTH, DEEP), len(sites.x) // max(len(held), 1))
+        sizes = self._secondary.node_sizes()[self._secondary.own]
+        return np.asarray(part * sizes[sites.node_of_point] + self._doubt)
 
     def _depths(self) -> tuple[Array, Array]:
         """Return how deep points and nodes of the faces are in the obstacle (m); collective."""

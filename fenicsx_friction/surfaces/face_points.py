@@ -53,6 +53,7 @@ class FacePoints:
         name, mesh, submesh: Those of the surface.
         x: Reference coordinates of the points (m).
         node: The owned node of each corner.
+        around: All nodes of its face, by their global numbers.
         share: Weight of each point in the average of its corner's node: (corners, points).
         area: What the weights were divided by: the integral of each test function (m²; m in 2D).
         shapes: Shape functions of the displacement at the points: (corners, points, dofs).
@@ -74,6 +75,7 @@ class FacePoints:
         order = np.lexsort((self._face, faces.nodes[self._face, corner]))
         self._face, corner = self._face[order], corner[order]
         self.node = faces.nodes[self._face, corner] - first
+        self.around = faces.nodes[self._face]
         kind = faces.kind[self._face]
         self.shapes = tables.shapes[kind]
         weights = tables.hats[kind, :, corner] * faces.weights[self._face]
