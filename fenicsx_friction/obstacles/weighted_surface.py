@@ -127,8 +127,18 @@ class WeightedSurface(AgainstTool, WeightedPairing):
 
     def crossed(self, closed: Mask) -> Mask:
         """Tell which nodes have points that went through faces in the step; collective."""
-        node, side, met = self.points.node_of_point, self.side, self._met
-        ends = (side.u_old, side.u)
+        result = np.zeros(len(closed), dtype=bool)
+        for met, sites in self._both():
+            result |= self._crossed(met, sites, closed)
+        return result
+
+    def _both(self) -> tuple[tuple[PointsMet, FacePoints], ...]:
+        """Return the points of the averages and the nodes of the faces, with what they meet."""
+        return (self._met, self.points), (self._met_nodes, self._nodes)
+
+    def _crossed(self, met: PointsMet, sites: FacePoints, closed: Mask) -> Mask:
+        """Tell which nodes have such points; collective."""
+        node, ends = sites.node_of_point, (self.side.u_old, self.side.u)
         # However fine the tool, the body meets it as its own faces can.
         of_face = np.full(len(self.faces.faces), np.inf)
         of_node = DEEP * self._secondary.node_sizes()[self._secondary.own][node] + self._doubt
@@ -140,33 +150,18 @@ class WeightedSurface(AgainstTool, WeightedPairing):
             held_depths=(of_face, of_node),
         )
         face = find_crossed(self.faces, motion, met.start.face)
-        point = np.flatnonzero(face >= 0)
-        found = np.zeros(len(node), dtype=bool)
-        found[point] = ~self._under_the_top(point, face[point], closed)
-        return np.bincount(node, found, minlength=len(closed)) > 0.0
-
-    def _under_the_top(self, point: Indices, side: Indices, closed: Mask) -> Mask:
-        """Tell which points are little below the face that they meet, and so behind a side of it.
-
-        Not those behind a wall that rises from their face.
-
-        Args:
-            point: Points.
-            side: Faces that they are behind.
-            closed: Closed nodes.
-        """
-        met, offset = self._met, self.offset[self.points.node_of_point]
-        pairs = Pairs(met.pairs.face[point], met.pairs.xi[point])
-        limit = self._too_deep(self.points, closed)
-        shallow = pairs.paired & (met.depths(offset) <= limit)[point]
-        middle = self.faces.X[self.faces.faces[side]].mean(axis=1)
-        return np.asarray(shallow & (self._tool.distances(pairs, middle) < 0.0))
+        # A point little below its own face may be far behind a side of the tool, but not behind a
+        # wall that rises from this face.
+        shallow = met.depths(self.offset[node]) <= self._too_deep(sites, closed)
+        middle = self.faces.X[self.faces.faces[face]].mean(axis=1)
+        top = met.pairs.paired & (self._tool.distances(met.pairs, middle) < 0.0)
+        return np.bincount(node, (face >= 0) & ~(shallow & top), minlength=len(closed)) > 0.0
 
     def missed(self, closed: Mask) -> Mask:
         """Tell which open nodes have faces that the tool enters deeply; collective."""
         result = np.zeros(len(closed), dtype=bool)
-        for depths, sites in zip(self._depths(), (self.points, self._nodes), strict=True):
-            deep = depths > self._too_deep(sites, closed)
+        for met, sites in self._both():
+            deep = met.depths(self.offset[sites.node_of_point]) > self._too_deep(sites, closed)
             result |= np.bincount(sites.node_of_point, deep, minlength=len(closed)) > 0.0
         return result & ~closed
 
@@ -182,8 +177,8 @@ class WeightedSurface(AgainstTool, WeightedPairing):
 
     def _depths(self) -> tuple[Array, Array]:
         """Return how deep points and nodes of the faces are in the obstacle (m); collective."""
-        parts = ((self._met, self.points), (self._met_nodes, self._nodes))
-        at_points, at_nodes = (met.depths(self.offset[p.node_of_point]) for met, p in parts)
+        both = self._both()
+        at_points, at_nodes = (met.depths(self.offset[sites.node_of_point]) for met, sites in both)
         return at_points, at_nodes
 
     def rounding(self) -> Array:
