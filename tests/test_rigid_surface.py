@@ -79,9 +79,8 @@ def test_a_plane_in_uneven_faces_is_the_plane(d):
     assert check_jacobian(models[1].problem).error < 1e-6
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize("d", [2, 3])
-def test_a_moving_turning_floor_is_the_moving_plane(d):
+def follow_the_plane(d, name, steps, **options):
+    """Move a floor of faces and a plane under blocks: the same tractions; returns the models."""
     motions = []
 
     def moving(obstacle):
@@ -91,13 +90,20 @@ def test_a_moving_turning_floor_is_the_moving_plane(d):
 
         return make
 
-    models = [pressed(moving(o), f"m{o.__name__}{d}_", d) for o in (plane, floor)]
-    for angle, up in ((0.0, 0.05), (0.05, 0.05), (0.1, 0.08)):
+    models = [pressed(moving(o), f"{name}{o.__name__}{d}_", d, **options) for o in (plane, floor)]
+    for angle, up in steps:
         for model, motion in zip(models, motions, strict=True):
             motion.angle.value, motion.translation.value = angle, way(d, 0.4 * angle, up)
             assert model.problem.solve().certified
         expected = tractions(models[0])
         assert tractions(models[1]) == pytest.approx(expected, abs=1e-9 * np.max(abs(expected)))
+    return models
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_moving_turning_floor_is_the_moving_plane(d):
+    models = follow_the_plane(d, "m", ((0.0, 0.05), (0.05, 0.05), (0.1, 0.08)))
     assert check_jacobian(models[1].problem).error < 1e-6
 
 

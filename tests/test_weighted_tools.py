@@ -9,7 +9,16 @@ from fenicsx_friction.verification.jacobian import check_jacobian
 from models import by_place, tagged_facets
 from pressed import Half
 from rectangles import body, tractions
-from test_rigid_surface import distance, floor, forces, plane, pressed, tool_body, way
+from test_rigid_surface import (
+    distance,
+    floor,
+    follow_the_plane,
+    forces,
+    plane,
+    pressed,
+    tool_body,
+    way,
+)
 from tools import ball, box
 
 QUADRATIC = {"degree": 2, "simplices": True}
@@ -40,22 +49,7 @@ def test_a_plane_in_uneven_faces_is_the_plane(d, kind):
 @pytest.mark.mpi
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_moving_turning_floor_is_the_moving_plane(d):
-    motions = []
-
-    def moving(obstacle):
-        def make(msh):
-            motions.append(ff.RigidMotion(msh, center=(0.1,) * d))
-            return obstacle(d, motion=motions[-1])
-
-        return make
-
-    models = [pressed(moving(o), f"m{o.__name__}{d}_", d, **QUADRATIC) for o in (plane, floor)]
-    for angle, up in ((0.0, 0.03), (0.03, 0.03), (0.06, 0.05)):
-        for model, motion in zip(models, motions, strict=True):
-            motion.angle.value, motion.translation.value = angle, way(d, 0.4 * angle, up)
-            assert model.problem.solve().certified
-        expected = tractions(models[0])
-        assert tractions(models[1]) == pytest.approx(expected, abs=1e-9 * np.max(abs(expected)))
+    follow_the_plane(d, "m2", ((0.0, 0.03), (0.03, 0.03), (0.06, 0.05)), **QUADRATIC)
 
 
 def rolled(obstacle, name, d, n):
