@@ -16,6 +16,7 @@ from test_rigid_surface import (
     forces,
     plane,
     pressed,
+    refuse_the_way_through,
     tool_body,
     way,
 )
@@ -172,18 +173,7 @@ def test_a_faceted_body_that_carries_loads_finds_its_place():
 @pytest.mark.mpi
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_step_through_a_thin_tool_is_refused(d, monkeypatch):
-    low, high = (-2.0,) * (d - 1) + (-0.005,), (2.0,) * (d - 1) + (0.0,)
-    model = pressed(ff.RigidSurface(*box(low, high)), f"thin{d}_", d, **QUADRATIC)
-    for z in (-0.01, 0.3):
-        model.place(np.eye(d), way(d, 0.0, z))
-        assert model.problem.solve().certified
-    kept = model.u.x.array.copy()
-    model.place(np.eye(d), way(d, 0.0, -0.9))
-    with pytest.raises(ff.StepFailed, match="went through the obstacle"):
-        model.problem.solve()
-    assert np.array_equal(model.u.x.array, kept)
-    monkeypatch.setattr(WeightedSurface, "crossed", lambda self, closed: np.zeros_like(closed))
-    assert model.problem.solve().certified  # the test of crossings alone has seen it
+    refuse_the_way_through(d, WeightedSurface, 0.005, "thin2", monkeypatch, **QUADRATIC)
 
 
 def test_a_spike_between_the_nodes_is_refused():

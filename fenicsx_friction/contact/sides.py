@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Checks that an obstacle looks at the surface, is not behind it, and is met once."""
+"""Checks that an obstacle looks at the surface, which starts in front of it, and is met once."""
 
 import warnings
 from collections.abc import Sequence

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from dolfinx import fem
 
@@ -20,10 +22,12 @@ class AgainstTool(AgainstFaces):
 
     _tool: Tool
 
-    def _take(self, tool: Tool, other: str) -> None:
-        """Take the tool."""
-        self._tool, self._outward = tool, tool.outward()
-        self._face(tool.faces, tool.secondary, tool.policy, f"the {other}")
+    def _take(self, obstacle: Any) -> Tool:
+        """Take the tool, and return how the side sees it; collective."""
+        self._tool = tool = Tool(obstacle, self.side)
+        self._outward = tool.outward()
+        self._face(tool.faces, tool.secondary, tool.policy, f"the {type(obstacle).__name__}")
+        return tool
 
     def pierced(self, closed: Mask) -> Mask:
         """Tell which nodes have faces that corners of the tool have gone into; collective.
@@ -38,13 +42,11 @@ class AgainstTool(AgainstFaces):
         x, directions = tool.whole.X[corners[mine]], directions[mine]
         held = np.any(self._at_contact(closed)[body.faces], axis=1)
         deep = np.where(held, HELD_DEPTH, DEEP) * body.sizes + self._doubt
-        depths = deep, np.full(len(x), np.inf)
         motion = Motion(
             face_x=(start, end),
             x=(x, x),
             directions=(directions, directions),
-            depths=depths,
-            held_depths=depths,
+            depths=(deep, np.full(len(x), np.inf)),
         )
         before = find_pairs(body, start, x, directions, self.policy, np.ones(len(x), bool)).face
         entered = find_crossed(body, motion, before)

@@ -77,7 +77,7 @@ class Trail:
             x=(nodes.x[0][own], nodes.x[1][own]),
             directions=(nodes.normals[0][own], nodes.normals[1][own]),
             depths=(float(np.max(part, initial=0.0)) * sizes[0] + doubt, part * sizes[1] + doubt),
-            held_depths=held_depths(sizes, doubt),
+            held_depths=(HELD_DEPTH * sizes[0] + doubt, HELD_DEPTH * sizes[1] + doubt),
         )
 
 
@@ -91,19 +91,14 @@ class Motion:
         directions: Their averaged normals.
         depths: From where on a node is behind a face (m): of each face, of each node. The smaller
             one counts.
-        held_depths: The same for faces that hold the node.
+        held_depths: The same for faces that hold the node; as for others by default.
     """
 
     face_x: tuple[Array, Array]
     x: tuple[Array, Array]
     directions: tuple[Array, Array]
     depths: tuple[Array, Array]
-    held_depths: tuple[Array, Array]
-
-
-def held_depths(sizes: tuple[Array, Array], doubt: float) -> tuple[Array, Array]:
-    """Return from where on nodes are behind faces that hold them, from the sizes of both (m)."""
-    return HELD_DEPTH * sizes[0] + doubt, HELD_DEPTH * sizes[1] + doubt
+    held_depths: tuple[Array, Array] | None = None
 
 
 def find_crossed(
@@ -133,7 +128,9 @@ def find_crossed(
         by_held = _among(held, i * number + f)
         of_face, of_node = (
             np.where(by_held, deep[j], depth[j])
-            for depth, deep, j in zip(motion.depths, motion.held_depths, (f, i), strict=True)
+            for depth, deep, j in zip(
+                motion.depths, motion.held_depths or motion.depths, (f, i), strict=True
+            )
         )
         depth = np.minimum(of_face, of_node) + warp
         node, face, start, depth = (np.repeat(a, parts) for a in (i, f, f == started[i], depth))

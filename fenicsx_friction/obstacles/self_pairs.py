@@ -134,20 +134,19 @@ class SelfPairs(FacePairs):
 
     def __init__(self, faces: Faces, secondary: FaceSet, policy: SearchPolicy, side: Side) -> None:
         self._made = Shape.of(faces, secondary.X)
-        self._faces = faces
         dofs = side.parent_dofs[: side.surface.num_owned]
         self._bodies = number_bodies(side.u.function_space)[1]
         self._body = secondary.gather(self._bodies[dofs])
         self._roles, self._near = Roles(faces, self._body), 2.0 * policy.distance(faces)
-        self._measure_walls()
+        self._measure_walls(faces)
         super().__init__(faces, secondary, policy, side)
 
-    def _measure_walls(self) -> None:
+    def _measure_walls(self, faces: Faces) -> None:
         """Find the thickness of the wall at each node (m), infinite if it is thick; and far sides.
 
         Thin walls may be compressed until nothing else tells their far side.
         """
-        faces, made = self._faces, self._made
+        made = self._made
         of_face, touching = self._body[faces.faces[:, 0]], TOUCHING * faces.size
         i, f = made.far_sides(self._body, of_face, touching, self._near)
         depth = made.depth(i, f)

@@ -14,7 +14,7 @@ from .kinematics import Array
 from .pairing import Mask
 from .rigid_pairing import RigidPairing
 from .side import Side
-from .tool import NodesMet, Tool
+from .tool import NodesMet
 
 
 class SurfacePairing(AgainstTool, RigidPairing):
@@ -32,8 +32,7 @@ class SurfacePairing(AgainstTool, RigidPairing):
 
     def __init__(self, obstacle: Any, side: Side) -> None:
         super().__init__(obstacle, side)
-        tool, n = Tool(obstacle, side), side.surface.num_owned
-        self._take(tool, type(obstacle).__name__)
+        tool, n = self._take(obstacle), side.surface.num_owned
         self._planes = self.near.planes.x.array.reshape(-1, 2 * side.d + 2)[:n]
         self._met = NodesMet(tool.faces, tool.secondary, tool.policy, side)
         self._start()

@@ -19,7 +19,6 @@ from .pairing import Mask
 from .points_met import PointsMet
 from .search import Pairs
 from .side import Side
-from .tool import Tool
 from .weighted import WeightedPairing
 
 Indices = npt.NDArray[np.int64]
@@ -53,8 +52,7 @@ class WeightedSurface(AgainstTool, WeightedPairing):
 
     def _watch(self) -> None:
         """Look for the faces that points and nodes of the body's faces meet; collective."""
-        tool = Tool(self.obstacle, self.side)
-        self._take(tool, type(self.obstacle).__name__)
+        tool = self._take(self.obstacle)
         self._whole = self.points.share
         self._met, self._met_nodes = PointsMet(tool, self.points), PointsMet(tool, self._nodes)
         self._between = Between(self.obstacle, self.side, self.points, self._gaps_and_normals)
@@ -147,7 +145,6 @@ class WeightedSurface(AgainstTool, WeightedPairing):
             x=(met.positions(ends[0]), met.positions(ends[1])),
             directions=(met.directions(ends[0]), met.directions(ends[1])),
             depths=(of_face, of_node),
-            held_depths=(of_face, of_node),
         )
         face = find_crossed(self.faces, motion, met.start.face)
         # A point little below its own face may be far behind a side of the tool, but not behind a
@@ -160,8 +157,8 @@ class WeightedSurface(AgainstTool, WeightedPairing):
     def missed(self, closed: Mask) -> Mask:
         """Tell which open nodes have faces that the tool enters deeply; collective."""
         result = np.zeros(len(closed), dtype=bool)
-        for met, sites in self._both():
-            deep = met.depths(self.offset[sites.node_of_point]) > self._too_deep(sites, closed)
+        for depths, sites in zip(self._depths(), (self.points, self._nodes), strict=True):
+            deep = depths > self._too_deep(sites, closed)
             result |= np.bincount(sites.node_of_point, deep, minlength=len(closed)) > 0.0
         return result & ~closed
 
