@@ -25,7 +25,7 @@
 #
 # ```
 # ./container python3 demos/demo_seal.py
-# ./container python3 demos/demo_seal.py --element bbar
+# ./container python3 demos/demo_seal.py --cells triangles
 # ```
 
 # +
@@ -50,30 +50,29 @@ SQUEEZES = np.linspace(0.025, 0.3, 12)  # parts of the cord
 
 # ## The section
 #
-# gmsh makes quadrilaterals; with Q2 they are curved.
+# gmsh makes quadrilaterals, or triangles for comparison, curved as the displacement is.
 
 
-def cord(size: float, degree: int) -> ff.NamedMesh:
+def cord(size: float, cells: str) -> ff.NamedMesh:
     """Return the section of the cord, which stands on y = 0."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Verbosity", 2)
-    gmsh.option.setNumber("Mesh.RecombineAll", 1)
+    gmsh.option.setNumber("Mesh.RecombineAll", int(cells == "quadrilaterals"))
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     disk = gmsh.model.occ.addDisk(R, D / 2.0, 0.0, D / 2.0, D / 2.0)
     gmsh.model.occ.synchronize()
     gmsh.model.addPhysicalGroup(2, [disk], name="rubber")
     gmsh.model.addPhysicalGroup(1, [1], name="skin")
     gmsh.model.mesh.generate(2)
-    gmsh.model.mesh.setOrder(degree)
+    gmsh.model.mesh.setOrder(2)
     model = ff.read_gmsh(gmsh.model)
     gmsh.finalize()
     return model
 
 
-# ## Two elements
+# ## Displacement and pressure
 #
-# The mixed one finds the saddle point of $W_{iso}(u) + p \ln J - p^2 / 2K$. B-bar, linear
-# quadrilaterals with one volume a cell, is there for comparison. Both have the same $W_{iso}$.
+# They are the saddle point of $W_{iso}(u) + p \ln J - p^2 / 2K$.
 
 
 def volume_ratio(u: fem.Function) -> Expr:
@@ -82,31 +81,26 @@ def volume_ratio(u: fem.Function) -> Expr:
     return ufl.det(ufl.Identity(2) + ufl.grad(u)) * (1.0 + u[0] / r)
 
 
-def rubber(model: ff.NamedMesh, element: str) -> tuple[list[fem.Function], ufl.Form, Expr]:
-    """Return the unknowns and the energy of the ring, and its pressure (Pa)."""
-    mixed, material = element == "taylor-hood", ff.bulk.Elastic(E, NU)
-    u = fem.Function(fem.functionspace(model.mesh, ("Lagrange", 2 if mixed else 1, (2,))))
-    isochoric, volumetric = ff.bulk.neo_hooke_energy(u, material, axisymmetric=True)
-    unknowns, p = [u], material.bulk_modulus * ufl.ln(volume_ratio(u))
-    if mixed:
-        p = fem.Function(fem.functionspace(model.mesh, ("Lagrange", 1)))
-        volumetric = p * ufl.ln(volume_ratio(u)) - p**2 / (2.0 * material.bulk_modulus)
-        unknowns.append(p)
+def rubber(model: ff.NamedMesh) -> tuple[list[fem.Function], ufl.Form]:
+    """Return displacement and pressure of the ring, and its energy."""
+    material = ff.bulk.Elastic(E, NU)
+    u = fem.Function(fem.functionspace(model.mesh, ("Lagrange", 2, (2,))))
+    p = fem.Function(fem.functionspace(model.mesh, ("Lagrange", 1)))
+    isochoric, _ = ff.bulk.neo_hooke_energy(u, material, axisymmetric=True)
+    volumetric = p * ufl.ln(volume_ratio(u)) - p**2 / (2.0 * material.bulk_modulus)
     density = (isochoric, volumetric)
-    energy = ff.bulk.stored_energy(density, ufl.dx, bbar=not mixed, axisymmetric=True)
-    return unknowns, energy, -p
+    return [u, p], ff.bulk.stored_energy(density, ufl.dx, axisymmetric=True)
 
 
 # ## Plate, bottom and wall
 
 
 def build(
-    element: str, size: float, groove: bool
+    cells: str, size: float, groove: bool
 ) -> tuple[ff.FrictionalContactProblem, ff.RigidMotion, Expr]:
     """Return the problem, the motion of the plate, and the pressure in the rubber."""
-    degree = 2 if element == "taylor-hood" else 1
-    model = cord(size, degree)
-    unknowns, energy, pressure = rubber(model, element)
+    model = cord(size, cells)
+    unknowns, energy = rubber(model)
     plate = ff.RigidMotion(model.mesh)
     obstacles = [
         ff.RigidPlane((R, D), (0.0, -1.0), motion=plate),
@@ -116,17 +110,14 @@ def build(
         obstacles.append(ff.RigidPlane((WALL, 0.0), (-1.0, 0.0)))
     law = ff.Coulomb(MU) if groove else ff.Frictionless()
     contacts = [
-        ff.Contact(model.surface("skin", degree=degree, axisymmetric=True), obstacle, law)
+        ff.Contact(model.surface("skin", degree=2, axisymmetric=True), obstacle, law)
         for obstacle in obstacles
     ]
     F = [ufl.derivative(energy, f, ufl.TestFunction(f.function_space)) for f in unknowns]
     problem = ff.FrictionalContactProblem(
-        F if degree == 2 else F[0],
-        unknowns if degree == 2 else unknowns[0],
-        contact=contacts,
-        petsc_options_prefix="seal_",
+        F, unknowns, contact=contacts, petsc_options_prefix="seal_"
     )
-    return problem, plate, pressure
+    return problem, plate, -unknowns[1]
 
 
 # ## Squeeze
@@ -180,12 +171,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Squeeze, compare, and draw."""
     parser = argparse.ArgumentParser(description="An O-ring is squeezed.")
     parser.add_argument("--output", type=Path, default=Path("results/seal"))
-    parser.add_argument("--element", choices=("taylor-hood", "bbar"), default="taylor-hood")
+    parser.add_argument(
+        "--cells", choices=("quadrilaterals", "triangles"), default="quadrilaterals"
+    )
     parser.add_argument("--size", type=float, default=0.2e-3, help="of the cells (m)")
     given = parser.parse_args(arguments)
     table = {"squeeze": SQUEEZES, "lindley": 1.25 * SQUEEZES**1.5 + 50.0 * SQUEEZES**6}
     for case in ("plates", "groove"):
-        problem, plate, pressure = build(given.element, given.size, case == "groove")
+        problem, plate, pressure = build(given.cells, given.size, case == "groove")
         results = ff.Results(problem, given.output / case, fields={"pressure": pressure})
         table[case] = np.array(squeeze(problem, plate, results))
     if problem.comm.rank == 0:

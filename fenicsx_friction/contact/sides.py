@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base.errors import ContactInputError
+from ..obstacles.rigid_pairing import RigidPairing
 from ..obstacles.two_bodies import TwoBodies
 from ..surfaces.faces import facets_in_common
 from ..surfaces.naming import named
@@ -77,8 +78,23 @@ def _warn_of_penetration(contact: Contact, lost: npt.NDArray[np.floating]) -> No
         )
 
 
+def _same_obstacle(a: RigidPairing, b: RigidPairing) -> bool:
+    """Tell whether rigid obstacles move alike and look the same at all common nodes; collective."""
+    if a.obstacle.motion is not b.obstacle.motion:
+        return False
+    one, two = (p.side.parent_dofs[: p.side.surface.num_owned] for p in (a, b))
+    _, i, j = np.intersect1d(one, two, return_indices=True)
+    surface = a.side.surface
+    sizes = surface.size.x.array[i] ** (1.0 / (surface.mesh.geometry.dim - 1))
+    met = a.meeting()[i] | b.meeting()[j]
+    same = abs(a.gaps()[i] - b.gaps()[j]) <= TOUCH * sizes
+    same &= np.sum(a.normals()[i] * b.normals()[j], axis=1) > 1.0 - TOUCH
+    number, alike = surface.mesh.comm.allreduce(np.array([np.sum(met), np.sum(met & same)]))
+    return bool(0 < number == alike)
+
+
 def check_met_once(contacts: Sequence[Contact]) -> None:
-    """Raise where faces of two surfaces meet each other in two contacts; collective.
+    """Raise where faces meet the same obstacle in two contacts; collective.
 
     Args:
         contacts: The contacts, after ``bind``.
@@ -86,6 +102,15 @@ def check_met_once(contacts: Sequence[Contact]) -> None:
     Raises:
         ContactInputError: If each condition would be there twice, from whichever side.
     """
+    rigid = [p for k in contacts if isinstance(p := k.pairing, RigidPairing)]
+    for p, q in combinations(rigid, 2):
+        one, two = p.side.surface, q.side.surface
+        if facets_in_common(one, two) and _same_obstacle(p, q):
+            raise ContactInputError(
+                f"Contacts '{one.name}' and '{two.name}' have faces in common that "
+                "meet the same rigid obstacle: nobody could tell which of them carries what. Keep "
+                "one of them, or leave these faces out of a surface."
+            )
     pairs = [(k.surface, p.primary) for k in contacts if isinstance(p := k.pairing, TwoBodies)]
     for (a, b), (c, d) in combinations(pairs, 2):
         if any(

@@ -22,6 +22,11 @@ MISSED = (
     "are open, but the obstacle is deep in the faces round them: it is smaller than they are; "
     "take a finer mesh, or a displacement of degree 1."
 )
+SUNK = (
+    "are deeper in the obstacle than a tenth of a face, beside the faces that they meet, as before "
+    "a wall at right angles to them: give the side of the body that comes to it a contact of its "
+    "own, or take a finer mesh there."
+)
 ASKEW = (
     "are at an edge that presses along the normals of its own faces, not of those that it stands "
     "on: more than 2 % of the force has a wrong direction. Take the flat body's surface as the "
@@ -38,6 +43,7 @@ def crossed_nodes(system: ContactSystem) -> list[str]:
         tests = (
             (partial(pairing.crossed, closed), THROUGH),
             (partial(pairing.missed, closed), MISSED),
+            (pairing.sunk, SUNK),
             (partial(pairing.pierced, closed), PIERCED),
             (partial(pairing.askew, closed & ~state.ties, pairing.side.owned(held) > 0.5), ASKEW),
         )

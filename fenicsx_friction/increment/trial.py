@@ -115,7 +115,7 @@ class Trials:
                 converged = found[-1].converged
                 if way.condensed and not converged and found[-1].reason != NOT_BALANCED:
                     return None  # it need not be known what the inside of the bulk does
-            elif not system.projection.is_solved(newton_tolerance(system)):
+            elif not system.projection.is_solved(newton_tolerance(system)) or _meets_others(system):
                 return None  # else contact did not change and the state is its own solution
         if way.condensed and not (converged and system.solvers.relinearises):
             system.solvers.recover()
@@ -149,6 +149,15 @@ def _close(system: ContactSystem, *, again: bool) -> None:
         if again:  # an attempt before has changed the pairs
             k.anchor()
         k.close_touching()
+
+
+def _meets_others(system: ContactSystem) -> bool:
+    """Tell whether nodes meet other faces by now, as those of a tool that has moved; collective."""
+    if not any([k.pairing.search() for k in system.contacts]):
+        return False
+    for k in system.contacts:
+        k.anchor()
+    return True
 
 
 def _solve(system: ContactSystem, attempt: Attempt, way: Way) -> list[SubstepReport]:

@@ -3,18 +3,25 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 
 from .against_faces import AgainstFaces
 from .averaged import DEEP
 from .crossing import HELD_DEPTH, Motion, find_crossed
+from .kinematics import Array
 from .pairing import Mask
 from .search import find_pairs
+from .sinking import depths_inside
 from .tool import Tool
 from .view import View
+
+Indices = npt.NDArray[np.int64]
 
 
 class AgainstTool(AgainstFaces):
@@ -30,16 +37,16 @@ class AgainstTool(AgainstFaces):
         return tool
 
     def pierced(self, closed: Mask) -> Mask:
-        """Tell which nodes have faces that corners of the tool have gone into; collective.
+        """Tell which nodes have faces that edges or corners of the tool are in; collective.
 
         Only faces of the body tell how deep is too deep: the tool may be as fine as it likes.
         """
         tool, body, side = self._tool, self._secondary, self.side
         comm, own = side.surface.mesh.comm, body.own
         start, end = (body.positions(u) for u in (side.u_old, side.u))
-        corners, directions = tool.corners(start, end, body.size)
+        x, directions = tool.edges.near(np.concatenate([start, end]), body.size)
         mine = slice(comm.rank, None, comm.size)
-        x, directions = tool.whole.X[corners[mine]], directions[mine]
+        x, directions = x[mine], directions[mine]
         held = np.any(self._at_contact(closed)[body.faces], axis=1)
         deep = np.where(held, HELD_DEPTH, DEEP) * body.sizes + self._doubt
         motion = Motion(
@@ -52,6 +59,24 @@ class AgainstTool(AgainstFaces):
         entered = find_crossed(body, motion, before)
         entered = np.concatenate(comm.allgather(entered[entered >= 0]))
         return np.isin(np.arange(own.start, own.stop), body.faces[entered])
+
+    def sunk(self) -> Mask:
+        """Tell which nodes, or points round them, are in the tool beside what they meet.
+
+        A tenth of a face is what a mesh does not resolve. Collective.
+        """
+        sizes = DEEP * self._secondary.node_sizes()[self._secondary.own] + self._doubt
+        result = np.zeros(len(sizes), dtype=bool)
+        for x, directions, node, met in self._places():
+            inside = depths_inside(self._tool.faces, x, directions, self._tool.edges.open)
+            beside = inside + self.offset[node] - np.maximum(met, 0.0)
+            deep = (inside > 0.0) & (beside > sizes[node])
+            result |= np.bincount(node, deep, minlength=len(sizes)) > 0.0
+        return result
+
+    @abstractmethod
+    def _places(self) -> Iterator[tuple[Array, Array, Indices, Array]]:
+        """Yield points beside the unmoved tool, normals, nodes, and depths that they meet (m)."""
 
     def _at_contact(self, closed: Mask) -> Mask:
         """Tell which nodes of all ranks are closed, or beside such a node; collective."""

@@ -197,6 +197,10 @@ class Pairing(ABC):
         """Tell which nodes have faces that nodes of the obstacle have gone through; collective."""
         return np.zeros(len(closed), dtype=bool)
 
+    def sunk(self) -> Mask:
+        """Tell which owned nodes are deep in the obstacle, beside what they meet; collective."""
+        return np.zeros(self.side.surface.num_owned, dtype=bool)
+
     def held_depths(self, held: fem.Function) -> Array:
         """Return how deep held points beside the nodes are in the obstacle (m)."""
         return np.zeros(0)

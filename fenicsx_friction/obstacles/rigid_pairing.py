@@ -117,6 +117,10 @@ class RigidPairing(Pairing):
         """Return the entries at the nodes."""
         return self.side.owned(values)[:, None]
 
+    def meeting(self) -> Mask:
+        """Tell which owned nodes have the obstacle before them, near or far."""
+        return np.ones(self.side.surface.num_owned, dtype=bool)
+
     def rounding(self) -> Array:
         """Return the lengths whose rounding gaps contain.
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -101,6 +102,13 @@ class SurfacePairing(AgainstTool, RigidPairing):
     def couples(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """Return owned nodes and the nodes of the faces that they meet now, in pairs."""
         return self.couples_of(self._met.pairs)
+
+    def _places(self) -> Iterator[tuple[Array, Array, npt.NDArray[np.int64], Array]]:
+        """Yield the nodes."""
+        nodes, own = self._secondary, self._secondary.own
+        x = nodes.positions(self.side.u)
+        met = np.where(self._met.pairs.paired, -self.gaps(), 0.0)
+        yield x[own], nodes.node_normals(x)[own], np.arange(len(met)), met
 
     def rounding(self) -> Array:
         """Return the lengths whose rounding gaps contain: those of planes that are moved."""

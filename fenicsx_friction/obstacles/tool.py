@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from .kinematics import Array
 from .motion import Motion
 from .search import TIE, Pairs, SearchPolicy, nearest_faces
 from .side import Side
+from .tool_edges import ToolEdges
 from .view import View
 
 Indices = npt.NDArray[np.int64]
@@ -39,6 +39,7 @@ class Tool:
         motion: The motion of the tool.
         whole: Its faces as given,
         faces: and cut to the size of those of the body.
+        edges: Its edges and corners.
         policy: How they are searched.
         secondary: The nodes of the side beside them.
     """
@@ -50,30 +51,13 @@ class Tool:
         # The same on any partition.
         size = float(f"{self.secondary.size:.6g}")
         X, parts, self._part_of = cut(whole.X, whole.faces, size)
+        self.edges = ToolEdges(whole, size)
         corners = whole.X[whole.faces]
         center = np.tile(whole.cell.center, (len(corners), 1))
         self._normal, self._point = normals(whole.cell, corners, center), corners[:, 0]
         self.faces, self.policy = Faces(whole.cell, X, parts), obstacle.search or SearchPolicy()
         if self.policy.reach is None:
             self.policy = replace(self.policy, reach=2.0 * max(size, self.faces.size))
-
-    def corners(self, start: Array, end: Array, margin: float) -> tuple[Indices, Array]:
-        """Return corners of the tool that the body may have met in a step, and their normals.
-
-        Args:
-            start: Where the body's nodes were beside the tool (m),
-            end: and where they are.
-            margin: How far round these the corners may be (m).
-        """
-        x, both = self.whole.X, np.concatenate([start, end])
-        near = np.all((x > both.min(axis=0) - margin) & (x < both.max(axis=0) + margin), axis=1)
-        found = np.flatnonzero(near)
-        return found, self._corner_normals[found]
-
-    @cached_property
-    def _corner_normals(self) -> Array:
-        """Averaged normals of the tool's corners."""
-        return self.whole.node_normals(self.whole.X)
 
     def outward(self) -> Array:
         """Return the outward normals of the undeformed body at the owned nodes."""

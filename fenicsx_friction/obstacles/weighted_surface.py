@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,12 +15,13 @@ from ..surfaces.nodal_kernel import Sites
 from .against_tool import AgainstTool
 from .averaged import DEEP
 from .between import Between
-from .crossing import HELD_DEPTH, Motion, find_crossed
+from .crossing import DEPTH, HELD_DEPTH, Motion, find_crossed
 from .kinematics import Array
 from .pairing import Mask
 from .points_met import PointsMet
 from .search import Pairs
 from .side import Side
+from .sinking import depths_inside
 from .weighted import WeightedPairing
 
 Indices = npt.NDArray[np.int64]
@@ -146,13 +149,29 @@ class WeightedSurface(AgainstTool, WeightedPairing):
             directions=(met.directions(ends[0]), met.directions(ends[1])),
             depths=(of_face, of_node),
         )
-        face = find_crossed(self.faces, motion, met.start.face)
+        face = self._find_crossed(motion, met.start.face)
         # A point little below its own face may be far behind a side of the tool, but not behind a
         # wall that rises from this face.
         shallow = met.depths(self.offset[node]) <= self._too_deep(sites, closed)
         middle = self.faces.X[self.faces.faces[face]].mean(axis=1)
         top = met.pairs.paired & (self._tool.distances(met.pairs, middle) < 0.0)
         return np.bincount(node, (face >= 0) & ~(shallow & top), minlength=len(closed)) > 0.0
+
+    def _find_crossed(self, motion: Motion, started: Indices) -> Indices:
+        """Return the face of the tool that each point has gone behind in the step, or -1.
+
+        Beside an edge of the tool, as far as counts as deep, a point may be outside: one that is
+        has gone through a face within its edges, or through none.
+        """
+        face = find_crossed(self.faces, motion, started)
+        few = np.flatnonzero(face >= 0)
+        (start, end), (n, m) = ([a[few] for a in ends] for ends in (motion.x, motion.directions))
+        depths = motion.depths[0], motion.depths[1][few] * (DEPTH / DEEP)
+        inner = replace(motion, x=(start, end), directions=(n, m), depths=depths)
+        within = find_crossed(self.faces, inner, started[few]) >= 0
+        inside = depths_inside(self.faces, end, m, self._tool.edges.open, facing=np.inf) > 0.0
+        face[few[~within & ~inside]] = -1
+        return face
 
     def missed(self, closed: Mask) -> Mask:
         """Tell which open nodes have faces that the tool enters deeply; collective."""
@@ -171,6 +190,12 @@ class WeightedSurface(AgainstTool, WeightedPairing):
         part = np.repeat(np.where(held, HELD_DEPTH, DEEP), len(sites.x) // max(len(held), 1))
         sizes = self._secondary.node_sizes()[self._secondary.own]
         return np.asarray(part * sizes[sites.node_of_point] + self._doubt)
+
+    def _places(self) -> Iterator[tuple[Array, Array, Indices, Array]]:
+        """Yield the points of the averages, and the nodes of the faces."""
+        u = self.side.u
+        for (met, sites), depths in zip(self._both(), self._depths(), strict=True):
+            yield met.positions(u), met.directions(u), sites.node_of_point, depths
 
     def _depths(self) -> tuple[Array, Array]:
         """Return how deep points and nodes of the faces are in the obstacle (m); collective."""

@@ -133,6 +133,15 @@ def _edges(faces: Indices) -> tuple[Indices, Indices, npt.NDArray[np.bool_]]:
     return number, (order % n), sign[order[:, 0]] != sign[order[:, 1]]
 
 
+def edges(faces: Indices) -> tuple[Indices, Indices]:
+    """Return the nodes of all edges (2D: end points), and the edges of each face, a row each."""
+    size = faces.shape[1]
+    columns = [[0], [1]] if size == 2 else [[0, 1], [1, 2], [2, 0]]
+    sides = np.sort(np.concatenate([faces[:, column] for column in columns]), axis=1)
+    found, of_face = np.unique(sides, axis=0, return_inverse=True)
+    return found, of_face.reshape(size, len(faces)).T
+
+
 def _flipped(
     n: int, pairs: Indices, agree: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.bool_], int]:

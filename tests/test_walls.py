@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: MIT
+"""Walls of rigid tools beside the surface that slides to them: met, or refused."""
+
+import numpy as np
+import pytest
+
+import fenicsx_friction as ff
+from fenicsx_friction.obstacles.surface_pairing import SurfacePairing
+from fenicsx_friction.obstacles.weighted_surface import WeightedSurface
+from rectangles import body
+from tools import box
+
+BLOCK = {"low": (-0.5, 0.0), "high": (0.5, 0.5), "simplices": True}
+PATH = [(0.0, -0.02), (-0.01, -0.02), (-0.02, -0.02)]
+KINDS = {1: SurfacePairing, 2: WeightedSurface}
+
+
+def stairs(height, place=-0.52, side=1.0):
+    """A floor with a wall of some height at the left of the block, or its mirror image."""
+    corners = [(2.0, 0.0), (place, 0.0), (place, height), (-3.0, height), (-3.0, -1.0), (2.0, -1.0)]
+    points = np.array(corners) * [side, 1.0]
+    segments = [(i, (i + 1) % 6) for i in range(6)]
+    return ff.RigidSurface(points, segments if side > 0.0 else [s[::-1] for s in segments])
+
+
+def sliding(tags, obstacles, name, n, degree=1, mu=0.0):
+    law = ff.Coulomb(mu) if mu else ff.Frictionless()
+
+    def make(msh, surfaces):
+        return [ff.Contact(surfaces[t], o, law) for t, o in zip(tags, obstacles, strict=True)]
+
+    return body(make, name, n=[n, n // 2], degree=degree, **BLOCK)
+
+
+def slide(model, path=PATH, side=1.0):
+    """Move the block; return the last report."""
+    for x, z in path:
+        model.place(np.eye(2), np.array([side * x, z]))
+        report = model.problem.solve()
+        assert report.certified
+    return report
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("height", [0.02, 0.1])
+@pytest.mark.parametrize(("degree", "n"), [(1, 40), (1, 10), (2, 10), (2, 4)])
+def test_a_wall_that_the_surface_does_not_turn_to_is_refused(degree, n, height, side):
+    """The bottom alone is a contact: it must not slide into the wall, in steps however small."""
+    if n * height < 0.1 * 1.01:
+        pytest.skip("a mesh does not resolve less than a tenth of a face")
+    tool = stairs(height, side=side)
+    model = sliding([1], [tool], f"blind{degree}{n}_", n, degree)
+    with pytest.raises(ff.StepFailed):
+        slide(model, [(-x, -0.02) for x in np.linspace(0.0, 0.1, 11)], side)
+    bottom = np.isclose(model.x[:, 1], 0.0)
+    reached = np.max(-side * (model.x + model.u.x.array.reshape(-1, 2))[bottom, 0], initial=0.0)
+    assert reached - 0.52 < 0.1 / n  # of its width of 1
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_without_that_test_it_slides_into_the_wall(degree, monkeypatch):
+    monkeypatch.setattr(
+        KINDS[degree], "sunk", lambda self: np.zeros(self.side.surface.num_owned, bool)
+    )
+    model = sliding([1], [stairs(0.1)], f"sunk{degree}_", 4, degree)
+    slide(model, [(0.0, -0.02), (-0.07, -0.02), (-0.12, -0.02)])
+    assert np.max(abs(model.contact.nodal_traction()[:, 0])) < 1e-6
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_two_contacts_meet_floor_and_wall_as_two_planes(mu):
+    tool = stairs(0.6)
+    planes = [ff.RigidPlane((0.0, 0.0), (0.0, 1.0)), ff.RigidPlane((-0.52, 0.0), (1.0, 0.0))]
+    found = []
+    for name, obstacles in (("tool", [tool, tool]), ("planes", planes)):
+        model = sliding([1, 3], obstacles, f"{name}{int(10 * mu)}_", 10, mu=mu)
+        found.append(np.array([k.force for k in slide(model).contacts]))
+    # With friction the two may share the force at the corner, which belongs to both, otherwise.
+    tool, flat = (f if mu == 0.0 else f.sum(axis=0) for f in found)
+    assert tool == pytest.approx(flat, rel=1e-4 if mu else 1e-9, abs=1e-9)
+    assert found[0][1][0] > 0.4  # the wall presses
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_same_obstacle_in_two_contacts_is_refused(degree):
+    floor = {"open_edges": "allow"}
+    both = [
+        [ff.RigidPlane((0.0, 0.0), (0.0, 1.0)) for _ in range(2)],
+        [ff.RigidSurface(*box((-2.0, -1.0), (2.0, 0.0)), **floor) for _ in range(2)],
+    ]
+    for obstacles in both:
+        with pytest.raises(ff.ContactInputError, match="meet the same rigid obstacle"):
+            sliding([1, 1], obstacles, "twice_", 4, degree)
+    # Two obstacles that the same faces meet one after the other are none.
+    low = ff.RigidPlane((0.0, -0.01), (0.0, 1.0))
+    slide(sliding([1, 1], [both[0][0], low], f"one{degree}_", 4, degree), PATH[:1])
+    # Nor are two that are far away.
+    far = [ff.RigidSurface(*box((-3.0, z), (3.0, z + 1.0))) for z in (-7.0, -9.0)]
+    sliding([1, 1], far, f"far{degree}_", 4, degree)
