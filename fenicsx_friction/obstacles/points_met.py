@@ -70,6 +70,10 @@ class PointsMet(FacesMet):
         found = find_pairs(faces, faces.X, *parts, keep=keep, facing=self.facing)
         shapes = shape_matrix(faces.cell, faces.cell.inside(found.xi))
         away = np.linalg.norm(x - blend(shapes, faces.X[faces.faces[found.face]]), axis=1)
-        over = faces.cell.overhang(found.xi) <= TIE
+        # A point that goes to and fro over an edge stays, within what ``keep`` allows.
+        overhang = faces.cell.overhang(found.xi)
+        over = overhang <= TIE
+        if last is not None:
+            over |= (found.face == last.face) & (overhang <= keep)
         over |= self._tool.distances(found, x) > RIDGE * away
         return Pairs(np.where(over, found.face, -1), found.xi)

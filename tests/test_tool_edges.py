@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: MIT
+"""Edges of rigid tools: in faces of the body, beside its points, and moved away under it."""
+
+import numpy as np
+import pytest
+
+import fenicsx_friction as ff
+from fenicsx_friction.obstacles.points_met import PointsMet
+from fenicsx_friction.obstacles.tool_edges import ToolEdges
+from fenicsx_friction.surfaces.faces import Faces
+from rectangles import body
+from test_rigid_surface import pressed, way
+from tools import box
+
+
+def roof(parts, slope=1.0):
+    """A ridge along y between two rows of nodes, whose ends are beyond the body."""
+    y = np.linspace(-2.0, 2.0, parts + 1)
+    points = np.array([(0.125 + x / slope, b, -abs(x)) for b in y for x in (0.0, -1.0, 1.0)])
+    faces = []
+    for a in range(0, 3 * parts, 3):
+        b = a + 3
+        faces += [(a, b, b + 1), (a, b + 1, a + 1), (a, b + 2, b), (a, a + 2, b + 2)]
+    return ff.RigidSurface(points, faces, open_edges="allow")
+
+
+@pytest.mark.parametrize("parts", [1, 8])
+@pytest.mark.parametrize(
+    "kind", [{}, {"simplices": True}, {"degree": 2, "simplices": True}], ids=["Q1", "P1", "P2"]
+)
+def test_a_ridge_of_long_triangles_between_the_nodes_is_refused(kind, parts):
+    """Its only corners may be far away."""
+    model = pressed(roof(parts), f"ridge{parts}{len(kind)}_", 3, mu=0.0, **kind)
+    with pytest.raises(ff.StepFailed, match="went through"):
+        for z in (0.02, 0.04, 0.06):
+            model.place(np.eye(3), way(3, 0.0, -z))
+            model.problem.solve()
+
+
+def test_points_are_on_sharp_edges_only():
+    """Of a cube in triangles: 8 corners, two points on each of 12 edges, none on diagonals."""
+    points, faces = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    surface = ff.RigidSurface(points, faces).surface
+    found = ToolEdges(surface, 0.4)
+    assert len(found.open) == 0 and len(found.x) == 8 + 24
+    on_edge = np.isclose(found.x, 0.0) | np.isclose(found.x, 1.0)
+    assert np.all(np.sum(on_edge, axis=1) >= 2)
+    between = np.sum(on_edge, axis=1) == 2
+    out = 2.0 * (found.x - 0.5)
+    assert found.normals[between] == pytest.approx(np.where(on_edge, out, 0.0)[between] / 2**0.5)
+    lid = Faces(surface.cell, surface.X, surface.faces[1:])
+    assert len(ToolEdges(lid, 0.4).open) == 3
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_tool_that_is_drawn_out_under_a_block_at_rest_lets_it_go(degree):
+    """Without friction nothing but the faces that are met changes: as if it were put there."""
+    motions, found = [], []
+
+    def make(msh, surfaces):
+        motions.append(ff.RigidMotion(msh))
+        plate = ff.RigidSurface(*box((-0.62, -1.0), (0.62, 0.0)), motion=motions[-1])
+        return [ff.Contact(surfaces[1], plate, ff.Frictionless())]
+
+    for path in ([(-0.02, 0.0), (-0.02, 0.4), (-0.02, 0.8)], [(0.1, 0.8), (-0.02, 0.8)]):
+        model = body(
+            make, f"out{degree}_", low=(-0.5, 0.0), high=(0.5, 0.5), n=[10, 5], degree=degree
+        )
+        for z, x in path:
+            model.place(np.eye(2), np.array([0.0, z]))
+            motions[-1].translation.value[0] = x
+            found.append(model.problem.solve().contacts[0].force[1])
+    whole, *_, drawn, _, fresh = found
+    assert drawn == pytest.approx(fresh, rel=1e-9)
+    assert 0.0 < drawn < 0.5 * whole
+
+
+def two_punches(n):
+    """Press quadratic triangles on two punches, with edges between the nodes; return the force."""
+    ends = np.array([(-0.33, -1.0), (-0.2, 0.0), (0.22, -1.0), (0.37, 0.0)])
+    boxes = [box(*ends[:2]), box(*ends[2:])]
+    points = np.concatenate([b[0] for b in boxes])
+    faces = np.concatenate([boxes[0][1], boxes[1][1] + len(boxes[0][0])])
+    options = {"mu": 0.0, "degree": 2, "simplices": True, "n": [n, n // 2]}
+    model = pressed(ff.RigidSurface(points, faces), f"two{n}_", 2, **options)
+    for z in (0.01, 0.03, 0.03):
+        model.place(np.eye(2), way(2, 0.0, -z))
+        force = model.problem.solve().contacts[0].force[1]
+    return force
+
+
+@pytest.mark.mpi
+def test_points_that_go_to_and_fro_over_an_edge_find_their_place():
+    assert two_punches(10) == pytest.approx(two_punches(20), rel=0.05)
+
+
+def test_without_keeping_they_do_not(monkeypatch):
+    found = PointsMet._find
+    monkeypatch.setattr(
+        PointsMet, "_find", lambda self, u, held, last=None, keep=0.0: found(self, u, held, last)
+    )
+    with pytest.raises(ff.StepFailed):
+        two_punches(10)
