@@ -14,7 +14,7 @@ from dolfinx import fem
 
 from ..base.errors import ContactInputError
 from ..surfaces.faces import Faces, FaceSet
-from .crossing import DEPTH, Trail, find_crossed
+from .crossing import DEPTH, Motion, Trail, find_crossed
 from .kinematics import Array
 from .pairing import Mask, Pairing
 from .search import Pairs, SearchPolicy, find_pairs
@@ -132,7 +132,13 @@ class AgainstFaces(Pairing):
         met = beside(self.faces, node[held], other[held], len(closed))
         nodes, faces = self._trails()
         motion = faces.seen_by(nodes, self._secondary.own, self.behind, self._doubt)
-        return find_crossed(self.faces, motion, self.started(), met) >= 0
+        return self._find_crossed(motion, self.started(), met) >= 0
+
+    def _find_crossed(
+        self, motion: Motion, started: Indices, met: scipy.sparse.csr_array | None = None
+    ) -> Indices:
+        """Return the face that each node has crossed in a step, or -1."""
+        return find_crossed(self.faces, motion, started, met)
 
     def _trails(self) -> tuple[Trail, Trail]:
         """Return the ways of the secondary and of the primary nodes in this step; collective."""

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 from dolfinx import fem
 
 from .against_faces import AgainstFaces
 from .averaged import DEEP
-from .crossing import HELD_DEPTH, Motion, find_crossed
+from .crossing import DEPTH, HELD_DEPTH, Motion, find_crossed
 from .kinematics import Array
 from .pairing import Mask
 from .search import find_pairs
@@ -59,6 +60,30 @@ class AgainstTool(AgainstFaces):
         entered = find_crossed(body, motion, before)
         entered = np.concatenate(comm.allgather(entered[entered >= 0]))
         return np.isin(np.arange(own.start, own.stop), body.faces[entered])
+
+    def _find_crossed(
+        self, motion: Motion, started: Indices, met: scipy.sparse.csr_array | None = None
+    ) -> Indices:
+        """Return the face of the tool that each point has gone behind in the step, or -1.
+
+        As far as counts as deep, a point may be beside an edge of the tool, or have come out of it
+        again. What is in front now has gone sharply through a face, or through none.
+        """
+        face = super()._find_crossed(motion, started, met)
+        few = np.flatnonzero(face >= 0)
+        (start, end), (n, m) = ([a[few] for a in ends] for ends in (motion.x, motion.directions))
+        of_face, of_node = motion.depths
+        depths = of_face, np.minimum(of_node[few], self._sharp)
+        sharply = Motion(motion.face_x, (start, end), (n, m), depths)
+        through = super()._find_crossed(sharply, started[few]) >= 0
+        inside = depths_inside(self.faces, end, m, self._tool.edges.open, facing=np.inf) > 0.0
+        face[few[~through & ~inside]] = -1
+        return face
+
+    @property
+    def _sharp(self) -> float:
+        """How far behind a face (m) a point has gone through it, without doubt."""
+        return DEPTH * self._secondary.size + self._doubt
 
     def sunk(self) -> Mask:
         """Tell which nodes, or points round them, are in the tool beside what they meet.

@@ -12,10 +12,10 @@ from dolfinx import fem
 
 from .against_tool import AgainstTool
 from .kinematics import Array
+from .nodes_met import NodesMet
 from .pairing import Mask
 from .rigid_pairing import RigidPairing
 from .side import Side
-from .tool import NodesMet
 
 
 class SurfacePairing(AgainstTool, RigidPairing):

@@ -13,7 +13,6 @@ from dolfinx import fem
 from ..surfaces.bisection import cut
 from ..surfaces.face_cells import blend, normals, shape_matrix
 from ..surfaces.faces import Faces, FaceSet
-from .face_pairs import FacesMet
 from .kinematics import Array
 from .motion import Motion
 from .search import TIE, Pairs, SearchPolicy, nearest_faces
@@ -141,9 +140,3 @@ class FromTool(FaceSet):
         if self._motion is None:
             return x
         return self._motion.undone(self._motion.carried(x) if u is self._u_old else x)
-
-
-class NodesMet(FacesMet):
-    """The faces of a tool that nodes meet within a step; steep ones, too, as walls in their way."""
-
-    facing = 0.0

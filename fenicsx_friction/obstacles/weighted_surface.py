@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,13 +14,12 @@ from ..surfaces.nodal_kernel import Sites
 from .against_tool import AgainstTool
 from .averaged import DEEP
 from .between import Between
-from .crossing import DEPTH, HELD_DEPTH, Motion, find_crossed
+from .crossing import HELD_DEPTH, Motion
 from .kinematics import Array
 from .pairing import Mask
 from .points_met import PointsMet
 from .search import Pairs
 from .side import Side
-from .sinking import depths_inside
 from .weighted import WeightedPairing
 
 Indices = npt.NDArray[np.int64]
@@ -156,22 +154,6 @@ class WeightedSurface(AgainstTool, WeightedPairing):
         middle = self.faces.X[self.faces.faces[face]].mean(axis=1)
         top = met.pairs.paired & (self._tool.distances(met.pairs, middle) < 0.0)
         return np.bincount(node, (face >= 0) & ~(shallow & top), minlength=len(closed)) > 0.0
-
-    def _find_crossed(self, motion: Motion, started: Indices) -> Indices:
-        """Return the face of the tool that each point has gone behind in the step, or -1.
-
-        Beside an edge of the tool, as far as counts as deep, a point may be outside: one that is
-        has gone through a face within its edges, or through none.
-        """
-        face = find_crossed(self.faces, motion, started)
-        few = np.flatnonzero(face >= 0)
-        (start, end), (n, m) = ([a[few] for a in ends] for ends in (motion.x, motion.directions))
-        depths = motion.depths[0], motion.depths[1][few] * (DEPTH / DEEP)
-        inner = replace(motion, x=(start, end), directions=(n, m), depths=depths)
-        within = find_crossed(self.faces, inner, started[few]) >= 0
-        inside = depths_inside(self.faces, end, m, self._tool.edges.open, facing=np.inf) > 0.0
-        face[few[~within & ~inside]] = -1
-        return face
 
     def missed(self, closed: Mask) -> Mask:
         """Tell which open nodes have faces that the tool enters deeply; collective."""
