@@ -76,8 +76,8 @@ class AgainstTool(AgainstFaces):
         depths = of_face, np.minimum(of_node[few], self._sharp)
         sharply = Motion(motion.face_x, (start, end), (n, m), depths)
         through = super()._find_crossed(sharply, started[few]) >= 0
-        inside = depths_inside(self.faces, end, m, self._tool.edges.open, facing=np.inf) > 0.0
-        face[few[~through & ~inside]] = -1
+        inside = depths_inside(self.faces, end, m, self._tool.edges.open, facing=np.inf)
+        face[few[~through & (inside < self._sharp)]] = -1
         return face
 
     @property

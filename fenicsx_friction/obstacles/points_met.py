@@ -74,6 +74,6 @@ class PointsMet(FacesMet):
         overhang = faces.cell.overhang(found.xi)
         over = overhang <= TIE
         if last is not None:
-            over |= (found.face == last.face) & (overhang <= keep)
+            over |= (found.face == last.face) & (overhang <= np.asarray(keep))
         over |= self._tool.distances(found, x) > RIDGE * away
         return Pairs(np.where(over, found.face, -1), found.xi)
