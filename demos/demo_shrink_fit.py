@@ -138,7 +138,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         line.axhline(lame(), color="tab:green", linestyle=":", label="Lamé")
         line.legend()
         line.figure.savefig(given.output / "pressure.png", dpi=150)
-        ff.plot.curve(given.output, "force_y", "time", file=given.output / "pull_out.png")
+        axial = ff.plot.curve(given.output, "force_y", lambda t: 1e3 * PULL * max(t - 1.0, 0.0))
+        axial.set(xlabel="way of the shaft (mm)", ylabel="axial force on the hub (N)")
+        axial.figure.savefig(given.output / "pull_out.png", dpi=150)
 
 
 if __name__ == "__main__":
