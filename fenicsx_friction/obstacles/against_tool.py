@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,11 @@ from .tool import Tool
 from .view import View
 
 Indices = npt.NDArray[np.int64]
+
+#: Cosine of normals up to which walls are at right angles.
+ASLANT = 0.1
+#: Parts of a way that are looked at.
+SAMPLES = 8
 
 
 class AgainstTool(AgainstFaces):
@@ -66,24 +72,30 @@ class AgainstTool(AgainstFaces):
     ) -> Indices:
         """Return the face of the tool that each point has gone behind in the step, or -1.
 
-        As far as counts as deep, a point may be beside an edge of the tool, or have come out of it
-        again. What is in front now has gone sharply through a face, or through none.
+        Walls at right angles to the surface are crossed where they are deeper than a mesh resolves.
+        As far as that, a point may be beside an edge of the tool, or have come out of it again: it
+        has gone sharply through a face, or deep into the tool on its way, or it has crossed none.
         """
         face = super()._find_crossed(motion, started, met)
+        of_face, of_node = motion.depths
+        deep = DEEP * self._secondary.size + self._doubt
+        steep = replace(motion, depths=(np.full_like(of_face, np.inf), np.maximum(of_node, deep)))
+        steep = replace(steep, held_depths=None, aslant=ASLANT)
+        face = np.where(face >= 0, face, super()._find_crossed(steep, started))
         few = np.flatnonzero(face >= 0)
         (start, end), (n, m) = ([a[few] for a in ends] for ends in (motion.x, motion.directions))
-        of_face, of_node = motion.depths
-        depths = of_face, np.minimum(of_node[few], self._sharp)
-        sharply = Motion(motion.face_x, (start, end), (n, m), depths)
+        sharp = np.minimum(of_node[few], DEPTH * self._secondary.size + self._doubt)
+        sharply = Motion(motion.face_x, (start, end), (n, m), (of_face, sharp), aslant=ASLANT)
         through = super()._find_crossed(sharply, started[few]) >= 0
-        inside = depths_inside(self.faces, end, m, self._tool.edges.open, facing=np.inf)
-        face[few[~through & (inside < self._sharp)]] = -1
+        way = [(1.0 - t) * start + t * end for t in np.linspace(0.0, 1.0, SAMPLES + 1)]
+        inside = np.max([self._inside(x, m) for x in way], axis=0)
+        face[few[~through & (inside < deep)]] = -1
         return face
 
-    @property
-    def _sharp(self) -> float:
-        """How far behind a face (m) a point has gone through it, without doubt."""
-        return DEPTH * self._secondary.size + self._doubt
+    def _inside(self, x: Array, directions: Array) -> Array:
+        """Return how deep points are in the tool (m), zero outside."""
+        edges = self._tool.edges
+        return depths_inside(self.faces, x, directions, edges.open, edges.facing)
 
     def sunk(self) -> Mask:
         """Tell which nodes, or points round them, are in the tool beside what they meet.
@@ -93,7 +105,7 @@ class AgainstTool(AgainstFaces):
         sizes = DEEP * self._secondary.node_sizes()[self._secondary.own] + self._doubt
         result = np.zeros(len(sizes), dtype=bool)
         for x, directions, node, met in self._places():
-            inside = depths_inside(self._tool.faces, x, directions, self._tool.edges.open)
+            inside = self._inside(x, directions)
             beside = inside + self.offset[node] - np.maximum(met, 0.0)
             deep = (inside > 0.0) & (beside > sizes[node])
             result |= np.bincount(node, deep, minlength=len(sizes)) > 0.0

@@ -92,6 +92,7 @@ class Motion:
         depths: From where on a node is behind a face (m): of each face, of each node. The smaller
             one counts.
         held_depths: The same for faces that hold the node; as for others by default.
+        aslant: Cosine of the normals up to which nodes enter faces.
     """
 
     face_x: tuple[Array, Array]
@@ -99,6 +100,7 @@ class Motion:
     directions: tuple[Array, Array]
     depths: tuple[Array, Array]
     held_depths: tuple[Array, Array] | None = None
+    aslant: float = 0.0
 
 
 def find_crossed(
@@ -136,7 +138,8 @@ def find_crossed(
         node, face, start, depth = (np.repeat(a, parts) for a in (i, f, f == started[i], depth))
         (x, y), (n, m) = ([end[node] for end in ends] for ends in (motion.x, motion.directions))
         way = Way((x, y - x), (first, last - first), (n, m - n))
-        events, covers = find_events(way, start, depth), ends_behind(way, depth)
+        events = find_events(way, start, depth, motion.aslant)
+        covers = ends_behind(way, depth)
         nodes, rows = _verdict(events, node, covers, len(crossed))
         crossed[nodes] = face[rows]
     return crossed

@@ -43,13 +43,15 @@ class Events:
         return Events(*(getattr(self, f.name)[kept] for f in fields(self)))
 
 
-def find_events(way: Way, start: Mask, depth: Array) -> Events:
+def find_events(way: Way, start: Mask, depth: Array, aslant: float = 0.0) -> Events:
     """Find all events of pairs of nodes and simplices.
 
     Args:
         way: The pairs.
         start: Simplices that nodes had in front of them at the beginning.
         depth: From where on a node is behind its simplex (m).
+        aslant: Cosine of the normals up to which nodes enter simplices; they come out on the near
+            side where it is less than minus this.
     """
     levels = [depth * np.linalg.norm(area_vectors(way.at(t)[1]), axis=1) for t in (0.0, 1.0)]
     degree = way.corners[0].shape[1]
@@ -74,8 +76,8 @@ def find_events(way: Way, start: Mask, depth: Array) -> Events:
     moved = x - np.einsum("nk,nkd->nd", place, corners)
     behind_by = -np.sum(moved * last, axis=1)
     aside = np.linalg.norm(moved + behind_by[:, None] * last, axis=1)
-    looks = met.looks(time, normal)
-    kept = inside & (looks | ~entering)
+    enters, looks = (met.looks(time, normal, facing) for facing in (aslant, -aslant))
+    kept = inside & (enters | ~entering)
     columns = (rows, time, entering, looks, normal, behind_by, aside)
     return Events(*(column[kept] for column in columns))
 

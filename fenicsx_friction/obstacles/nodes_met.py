@@ -13,8 +13,8 @@ from .kinematics import Array
 from .pairing import Mask
 from .search import Pairs
 
-#: Nodes at an edge of the body's surface have the middles of its faces to one side by this, over
-#: the diameter of a face.
+#: A node is at an end of the body if the middles of its faces are on one side by this, over the
+#: diameter of a face.
 AT_EDGE = 0.2
 
 
@@ -38,10 +38,11 @@ class NodesMet(FacesMet):
         over, edge = (
             blend(shape_matrix(cell, xi), corners) for xi in (found.xi, cell.inside(found.xi))
         )
-        outside = np.sum((edge - over) * inwards, axis=1) < 0.0
-        ends = np.linalg.norm(inwards, axis=1) > AT_EDGE * size
+        back = edge - over
+        back /= np.maximum(np.linalg.norm(back, axis=1, keepdims=True), np.finfo(float).tiny)
+        outside = np.sum(back * inwards, axis=1) < -AT_EDGE * size
         beyond = cell.overhang(found.xi) > self._policy.enter
-        return Pairs(np.where(outside & ends & beyond, -1, found.face), found.xi)
+        return Pairs(np.where(outside & beyond, -1, found.face), found.xi)
 
     def _inwards(self, x: Array) -> Array:
         """Return the way from each node to the mean of the middles of its faces (m)."""

@@ -13,26 +13,23 @@ import scipy
 
 from ..surfaces.face_cells import Array, blend, distances, normals, project, shape_matrix
 from ..surfaces.faces import Faces
-from .search import BLOCK, FACING, TIE, balls, flat
+from .search import BLOCK, TIE, balls, flat
 
 Indices = npt.NDArray[np.int64]
 
 
-def depths_inside(
-    faces: Faces, x: Array, directions: Array, ends: Array, *, facing: float = -FACING
-) -> Array:
+def depths_inside(faces: Faces, x: Array, directions: Array, ends: Array, facing: float) -> Array:
     """Return how deep (m) points are behind their nearest faces, zero in front.
 
     At an edge several faces are the nearest: that which looks most along the way to the point
-    tells. Faces that look away from the body's surface count not, nor does an open edge: beyond it
-    there is no inside.
+    tells. Beyond an open edge there is no inside.
 
     Args:
         faces: The faces, where they are.
         x: The points (m).
         directions: Normals of the body's surface at the points.
         ends: Corners of the open edges of the faces (n, 1 or 2, d).
-        facing: Cosine of the normals of face and body from which on a face looks away.
+        facing: Cosine of the normals of face and body from which on a face does not count.
     """
     result = np.zeros(len(x))
     center, radius = balls(faces.X[faces.faces])

@@ -8,6 +8,7 @@ import numpy as np
 from ..surfaces.face_cells import Array, normals
 from ..surfaces.faces import Faces
 from ..surfaces.soundness import edges
+from .search import FACING
 
 #: Length of the sum of two unit normals over two, from which on faces are flat, not an edge.
 FLAT = 1.0 - 1e-6
@@ -22,6 +23,8 @@ class ToolEdges:
 
     Attributes:
         open: Corners of the open edges (m): (n, 1 or 2, d).
+        facing: Cosine of the normals of body and tool from which on faces look away: those of a
+            closed tool never do.
         x: The points (m), all corners first,
         normals: and averaged normals there.
     """
@@ -34,6 +37,8 @@ class ToolEdges:
             np.add.at(normal, edge, normals(faces.cell, corners, center))
             np.add.at(number, edge, 1.0)
         self.open = faces.X[around[number == 1.0]]
+        # From the back of a sheet a body is not inside it.
+        self.facing = -FACING if len(self.open) else np.inf
         length = np.linalg.norm(normal, axis=1)
         sharp = (length < FLAT * number) | (number == 1.0)
         a, b = faces.X[around[sharp][:, 0]], faces.X[around[sharp][:, -1]]

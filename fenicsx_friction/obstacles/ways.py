@@ -73,11 +73,11 @@ class Way:
             parts.append(np.sum(area_vectors(replaced) * area, axis=1) / size[:, 0])
         return np.stack(parts, axis=1), area / np.sqrt(size)
 
-    def looks(self, time: npt.ArrayLike, normal: Array) -> Mask:
-        """Tell whether simplices with this normal look at their nodes."""
+    def looks(self, time: npt.ArrayLike, normal: Array, facing: float = 0.0) -> Mask:
+        """Tell whether simplices with this normal look at their nodes, up to this cosine."""
         t = np.broadcast_to(time, len(normal))
         direction = self.direction[0] + t[:, None] * self.direction[1]
-        return np.asarray(np.sum(normal * direction, axis=1) < 0.0)
+        return np.asarray(np.sum(normal * direction, axis=1) < facing)
 
 
 def area_vectors(corners: Array) -> Array:
