@@ -11,7 +11,7 @@ from fenicsx_friction.obstacles.points_met import PointsMet
 from fenicsx_friction.obstacles.tool_edges import ToolEdges
 from fenicsx_friction.surfaces.faces import Faces
 from rectangles import body
-from test_rigid_surface import pressed, way
+from test_rigid_surface import forces, pressed, way
 from tools import box
 
 
@@ -128,3 +128,15 @@ def test_the_end_of_a_body_does_not_hang_beyond_an_edge(monkeypatch):
     assert over_the_step("end_") == pytest.approx(force, rel=1e-9)
     monkeypatch.setattr(NodesMet, "_find", FacesMet._find)
     assert over_the_step("hangs_") > 1.1 * force
+
+
+def test_nodes_at_the_sides_of_a_body_keep_their_face_as_those_between():
+    """Drawn over an edge by less than half a face, with the sides along the way."""
+    tool = ff.RigidSurface(*box((-2.0, -2.0, -1.0), (0.3, 2.0, 0.0)))
+    model, rows = pressed(tool, "sides_", 3, mu=0.0, n=[4, 4, 2]), []
+    for x in (0.0, 0.04, 0.08, 0.1):
+        model.place(np.eye(3), np.array([x, 0.0, -0.02]))
+        assert model.problem.solve().certified
+        rows.append(forces(model)[:, 2])
+    assert np.array(rows[1:]) == pytest.approx(np.array(rows[:-1]), abs=1e-9)
+    assert rows[0].reshape(5, 5)[:, 3].min() > 0.1  # the row that goes beyond the edge

@@ -15,9 +15,10 @@ PATH = [(0.0, -0.02), (-0.01, -0.02), (-0.02, -0.02)]
 KINDS = {1: SurfacePairing, 2: WeightedSurface}
 
 
-def stairs(height, place=-0.52, side=1.0):
+def stairs(height, place=-0.52, side=1.0, lean=0.0):
     """A floor with a wall of some height at the left of the block, or its mirror image."""
-    corners = [(2.0, 0.0), (place, 0.0), (place, height), (-3.0, height), (-3.0, -1.0), (2.0, -1.0)]
+    top = (place + lean, height)
+    corners = [(2.0, 0.0), (place, 0.0), top, (-3.0, height), (-3.0, -1.0), (2.0, -1.0)]
     points = np.array(corners) * [side, 1.0]
     segments = [(i, (i + 1) % 6) for i in range(6)]
     return ff.RigidSurface(points, segments if side > 0.0 else [s[::-1] for s in segments])
@@ -58,11 +59,20 @@ def test_a_wall_that_the_surface_does_not_turn_to_is_refused(degree, n, height, 
     assert reached - 0.52 < 0.1 / n  # of its width of 1
 
 
+@pytest.mark.parametrize("step", [0.01, 0.3])
 @pytest.mark.parametrize("degree", [1, 2])
-def test_without_that_test_it_slides_into_the_wall(degree, monkeypatch):
-    monkeypatch.setattr(
-        KINDS[degree], "sunk", lambda self: np.zeros(self.side.surface.num_owned, bool)
-    )
+def test_a_wall_that_leans_over_the_block_is_seen_from_within(degree, step):
+    """Its back is beyond: the tool is closed, and inside is inside, wherever faces look."""
+    model = sliding([1], [stairs(0.3, lean=0.1)], f"lean{degree}_", 10, degree)
+    with pytest.raises(ff.StepFailed, match=r"tenth of a face|went through"):
+        slide(model, [(-x, -0.02) for x in (0.0, *(step * np.arange(1, 6)))])
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_without_these_tests_it_slides_into_the_wall(degree, monkeypatch):
+    kind = KINDS[degree]
+    monkeypatch.setattr(kind, "sunk", lambda self: np.zeros(self.side.surface.num_owned, bool))
+    monkeypatch.setattr(kind, "_find_crossed", lambda self, motion, started, *_: 0 * started - 1)
     model = sliding([1], [stairs(0.1)], f"sunk{degree}_", 4, degree)
     slide(model, [(-x, -0.02) for x in np.arange(7) * 0.02])
     assert np.max(abs(model.contact.nodal_traction()[:, 0])) < 1e-6
@@ -100,3 +110,13 @@ def test_the_same_obstacle_in_two_contacts_is_refused(degree):
     # Nor are two that are far away.
     far = [ff.RigidSurface(*box((-3.0, z), (3.0, z + 1.0))) for z in (-7.0, -9.0)]
     sliding([1, 1], far, f"far{degree}_", 4, degree)
+
+
+def test_two_obstacles_that_start_at_one_place_are_told():
+    def make(msh, surfaces):
+        up = ff.RigidMotion(msh)
+        floors = [ff.RigidPlane((0.0, 0.0), (0.0, 1.0), motion=m) for m in (None, up)]
+        return [ff.Contact(surfaces[1], floor, ff.Frictionless()) for floor in floors]
+
+    with pytest.warns(UserWarning, match="meet the same rigid obstacle"):
+        body(make, "start_", n=[4, 2], **BLOCK)

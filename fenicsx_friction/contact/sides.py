@@ -79,9 +79,7 @@ def _warn_of_penetration(contact: Contact, lost: npt.NDArray[np.floating]) -> No
 
 
 def _same_obstacle(a: RigidPairing, b: RigidPairing) -> bool:
-    """Tell whether rigid obstacles move alike and look the same at all common nodes; collective."""
-    if a.obstacle.motion is not b.obstacle.motion:
-        return False
+    """Tell whether rigid obstacles look the same at all common nodes; collective."""
     one, two = (p.side.parent_dofs[: p.side.surface.num_owned] for p in (a, b))
     _, i, j = np.intersect1d(one, two, return_indices=True)
     surface = a.side.surface
@@ -105,12 +103,17 @@ def check_met_once(contacts: Sequence[Contact]) -> None:
     rigid = [p for k in contacts if isinstance(p := k.pairing, RigidPairing)]
     for p, q in combinations(rigid, 2):
         one, two = p.side.surface, q.side.surface
-        if facets_in_common(one, two) and _same_obstacle(p, q):
+        if not (facets_in_common(one, two) and _same_obstacle(p, q)):
+            continue
+        message = (
+            f"Contacts '{one.name}' and '{two.name}' have faces in common that meet the same rigid "
+            "obstacle: nobody could tell which of them carries what."
+        )
+        if p.obstacle.motion is q.obstacle.motion:
             raise ContactInputError(
-                f"Contacts '{one.name}' and '{two.name}' have faces in common that "
-                "meet the same rigid obstacle: nobody could tell which of them carries what. Keep "
-                "one of them, or leave these faces out of a surface."
+                f"{message} Keep one of them, or leave these faces out of a surface."
             )
+        warnings.warn(f"{message} Move one of the two away at first.", stacklevel=3)
     pairs = [(k.surface, p.primary) for k in contacts if isinstance(p := k.pairing, TwoBodies)]
     for (a, b), (c, d) in combinations(pairs, 2):
         if any(

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from ..surfaces.face_cells import blend, shape_matrix
+from ..surfaces.face_cells import blend, on_edges, shape_matrix
 from .face_pairs import FacesMet
 from .kinematics import Array
 from .pairing import Mask
@@ -35,10 +35,8 @@ class NodesMet(FacesMet):
         x, own = self._secondary.positions(u), self._secondary.own
         inwards, size = self._inwards(x)[own], self._secondary.node_sizes()[own]
         corners = self._faces.X[self._faces.faces[found.face]]
-        over, edge = (
-            blend(shape_matrix(cell, xi), corners) for xi in (found.xi, cell.inside(found.xi))
-        )
-        back = edge - over
+        over = blend(shape_matrix(cell, found.xi), corners)
+        back = on_edges(cell, corners, over) - over
         back /= np.maximum(np.linalg.norm(back, axis=1, keepdims=True), np.finfo(float).tiny)
         outside = np.sum(back * inwards, axis=1) < -AT_EDGE * size
         beyond = cell.overhang(found.xi) > self._policy.enter

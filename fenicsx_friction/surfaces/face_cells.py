@@ -218,10 +218,19 @@ def distances(cell: FaceCell, face: Array, x: Array, xi: Array) -> Array:
     """Return the distances of points from faces; ``xi`` are their projections (extended)."""
     inside = cell.overhang(xi) <= 0.0
     best = np.where(inside, np.linalg.norm(x - blend(shape_matrix(cell, xi), face), axis=1), np.inf)
+    return np.minimum(best, np.linalg.norm(x - on_edges(cell, face, x), axis=1))
+
+
+def on_edges(cell: FaceCell, face: Array, x: Array) -> Array:
+    """Return the nearest points on the edges of faces."""
+    best, result = np.full(len(x), np.inf), x.copy()
     for edge in cell.edges:
         a, b = face[:, edge[0]], face[:, edge[-1]]
         along = b - a
         length = np.maximum(np.sum(along * along, axis=1), np.finfo(float).tiny)
         s = np.clip(np.sum((x - a) * along, axis=1) / length, 0.0, 1.0)
-        best = np.minimum(best, np.linalg.norm(x - a - s[:, None] * along, axis=1))
-    return best
+        point = a + s[:, None] * along
+        away = np.linalg.norm(x - point, axis=1)
+        nearer = away < best
+        best[nearer], result[nearer] = away[nearer], point[nearer]
+    return result
