@@ -120,3 +120,29 @@ def test_two_obstacles_that_start_at_one_place_are_told():
 
     with pytest.warns(UserWarning, match="meet the same rigid obstacle"):
         body(make, "start_", n=[4, 2], **BLOCK)
+
+
+@pytest.mark.parametrize("clearance", [0.0, 1e-9, 1e-6, 1e-4])
+def test_a_plug_slides_down_a_slot_that_it_touches(clearance):
+    """Its nodes pass the corners of the slot, beside walls at right angles to the way: no force."""
+    low, wide = -0.5 - clearance, 0.5 + clearance
+    corners = [(wide, 0.8), (wide, 0.0), (low, 0.0), (low, 0.8), (-0.9, 0.8), (-0.9, -1.0)]
+    corners += [(0.9, -1.0), (0.9, 0.8)]
+    slot = ff.RigidSurface(corners, [(i, (i + 1) % 8) for i in range(8)])
+    model = sliding([5], [slot], "plug_", 10, mu=0.3)
+    report = slide(model, [(0.0, z) for z in (0.43, 0.38, 0.33)])
+    assert np.max(abs(np.array(report.contacts[0].force))) < 1e-9
+
+
+def test_a_node_slides_over_a_corner_down_the_flank():
+    """It starts on the corner itself, and presses on the flank with friction then."""
+    corners = [(0.2, 0.0), (-0.2, 0.0), (-0.8, -0.6), (0.8, -0.6)]
+    tool = ff.RigidSurface(corners, [(i, (i + 1) % 4) for i in range(4)])
+    model = sliding([1], [tool], "flank_", 10, mu=0.3)
+    slide(model, [(0.0, -0.01), (0.0, -0.03), (0.03, -0.03), (0.035, -0.03)])
+    x = model.contact.surface.x[:, 0]
+    k = int(np.argmin(abs(x - 0.2)))
+    force = model.contact.nodal_traction()[k]
+    normal, along = force @ np.array([1.0, 1.0]) / 2**0.5, force @ np.array([1.0, -1.0]) / 2**0.5
+    assert normal > 1.0
+    assert along == pytest.approx(-0.3 * normal, rel=1e-9)

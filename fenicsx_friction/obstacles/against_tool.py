@@ -27,8 +27,8 @@ Indices = npt.NDArray[np.int64]
 
 #: Cosine of normals up to which walls are at right angles.
 ASLANT = 0.1
-#: Parts of a way that are looked at.
-SAMPLES = 8
+#: Points on a way that are looked at; a wall thinner than the way over this may be missed.
+SAMPLES = 32
 
 
 class AgainstTool(AgainstFaces):
@@ -72,25 +72,28 @@ class AgainstTool(AgainstFaces):
     ) -> Indices:
         """Return the face of the tool that each point has gone behind in the step, or -1.
 
-        Walls at right angles to the surface are crossed where they are deeper than a mesh resolves.
-        As far as that, a point may be beside an edge of the tool, or have come out of it again: it
-        has gone sharply through a face, or deep into the tool on its way, or it has crossed none.
+        As far as a mesh does not resolve, a point may be beside an edge of the tool, or have come
+        out of it again: it has gone sharply through a face, or deep into the tool on its way, or it
+        has crossed none. Walls at right angles to the surface are crossed on such a way alone.
         """
-        face = super()._find_crossed(motion, started, met)
+        face = super()._find_crossed(replace(motion, aslant=-ASLANT), started, met)
         of_face, of_node = motion.depths
         deep = DEEP * self._secondary.size + self._doubt
         steep = replace(motion, depths=(np.full_like(of_face, np.inf), np.maximum(of_node, deep)))
         steep = replace(steep, held_depths=None, aslant=ASLANT)
-        face = np.where(face >= 0, face, super()._find_crossed(steep, started))
-        few = np.flatnonzero(face >= 0)
+        wall = np.where(face < 0, super()._find_crossed(steep, started), -1)
+        few = np.flatnonzero((face >= 0) | (wall >= 0))
         (start, end), (n, m) = ([a[few] for a in ends] for ends in (motion.x, motion.directions))
         sharp = np.minimum(of_node[few], DEPTH * self._secondary.size + self._doubt)
-        sharply = Motion(motion.face_x, (start, end), (n, m), (of_face, sharp), aslant=ASLANT)
-        through = super()._find_crossed(sharply, started[few]) >= 0
+        sharply = Motion(motion.face_x, (start, end), (n, m), (of_face, sharp), aslant=-ASLANT)
+        through = (super()._find_crossed(sharply, started[few]) >= 0) & (face[few] >= 0)
         way = [(1.0 - t) * start + t * end for t in np.linspace(0.0, 1.0, SAMPLES + 1)]
         inside = np.max([self._inside(x, m) for x in way], axis=0)
-        face[few[~through & (inside < deep)]] = -1
-        return face
+        deeper = inside > np.where(face[few] >= 0, deep, 0.5 * deep)  # in the middle of a wall
+        result = np.full_like(face, -1)
+        crossed = few[through | deeper]
+        result[crossed] = np.maximum(face, wall)[crossed]
+        return result
 
     def _inside(self, x: Array, directions: Array) -> Array:
         """Return how deep points are in the tool (m), zero outside."""
