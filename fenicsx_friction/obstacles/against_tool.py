@@ -79,20 +79,22 @@ class AgainstTool(AgainstFaces):
         face = super()._find_crossed(replace(motion, aslant=-ASLANT), started, met)
         of_face, of_node = motion.depths
         deep = DEEP * self._secondary.size + self._doubt
-        steep = replace(motion, depths=(np.full_like(of_face, np.inf), np.maximum(of_node, deep)))
-        steep = replace(steep, held_depths=None, aslant=ASLANT)
+        depths = np.full_like(of_face, np.inf), np.maximum(of_node, deep)
+        steep = replace(motion, depths=depths, held_depths=None, aslant=ASLANT)
         wall = np.where(face < 0, super()._find_crossed(steep, started), -1)
         few = np.flatnonzero((face >= 0) | (wall >= 0))
         (start, end), (n, m) = ([a[few] for a in ends] for ends in (motion.x, motion.directions))
         sharp = np.minimum(of_node[few], DEPTH * self._secondary.size + self._doubt)
         sharply = Motion(motion.face_x, (start, end), (n, m), (of_face, sharp), aslant=-ASLANT)
         through = (super()._find_crossed(sharply, started[few]) >= 0) & (face[few] >= 0)
-        way = [(1.0 - t) * start + t * end for t in np.linspace(0.0, 1.0, SAMPLES + 1)]
-        inside = np.max([self._inside(x, m) for x in way], axis=0)
+        way = np.concatenate(
+            [start + t * (end - start) for t in np.linspace(0.0, 1.0, SAMPLES + 1)]
+        )
+        inside = self._inside(way, np.tile(m, (SAMPLES + 1, 1)))
+        inside = np.max(inside.reshape(SAMPLES + 1, len(few)), axis=0)
         deeper = inside > np.where(face[few] >= 0, deep, 0.5 * deep)  # in the middle of a wall
-        result = np.full_like(face, -1)
-        crossed = few[through | deeper]
-        result[crossed] = np.maximum(face, wall)[crossed]
+        result = np.maximum(face, wall)
+        result[few[~(through | deeper)]] = -1
         return result
 
     def _inside(self, x: Array, directions: Array) -> Array:

@@ -11,7 +11,15 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from ..surfaces.face_cells import Array, blend, distances, normals, project, shape_matrix
+from ..surfaces.face_cells import (
+    Array,
+    blend,
+    distances,
+    normals,
+    on_segments,
+    project,
+    shape_matrix,
+)
 from ..surfaces.faces import Faces
 from .search import BLOCK, TIE, balls, flat
 
@@ -32,6 +40,8 @@ def depths_inside(faces: Faces, x: Array, directions: Array, ends: Array, facing
         facing: Cosine of the normals of face and body from which on a face does not count.
     """
     result = np.zeros(len(x))
+    if len(x) == 0:  # most often
+        return result
     center, radius = balls(faces.X[faces.faces])
     tree, largest = scipy.spatial.cKDTree(center), np.max(radius)
     for start in range(0, len(x), BLOCK):
@@ -77,12 +87,7 @@ def _normal(faces: Faces, f: Indices) -> Array:
 def _at_edges(x: Array, radius: Array, ends: Array) -> npt.NDArray[np.bool_]:
     """Tell which points have one of the edges within a radius of their own."""
     result = np.zeros(len(x), dtype=bool)
-    if len(ends) == 0 or len(x) == 0:
-        return result
-    a, way = ends[:, 0], ends[:, -1] - ends[:, 0]
-    length = np.maximum(np.sum(way * way, axis=1), np.finfo(float).tiny)
     for k, point in enumerate(x):  # there are few
-        s = np.clip(np.sum((point - a) * way, axis=1) / length, 0.0, 1.0)
-        away = np.linalg.norm(point - a - s[:, None] * way, axis=1)
-        result[k] = np.min(away) <= radius[k]
+        away = np.linalg.norm(point - on_segments(ends[:, 0], ends[:, -1], point), axis=1)
+        result[k] = np.min(away, initial=np.inf) <= radius[k]
     return result

@@ -221,15 +221,19 @@ def distances(cell: FaceCell, face: Array, x: Array, xi: Array) -> Array:
     return np.minimum(best, np.linalg.norm(x - on_edges(cell, face, x), axis=1))
 
 
+def on_segments(a: Array, b: Array, x: Array) -> Array:
+    """Return the nearest points on the segments from ``a`` to ``b``, which may be single points."""
+    along = b - a
+    length = np.maximum(np.sum(along * along, axis=1), np.finfo(float).tiny)
+    s = np.clip(np.sum((x - a) * along, axis=1) / length, 0.0, 1.0)
+    return np.asarray(a + s[:, None] * along)
+
+
 def on_edges(cell: FaceCell, face: Array, x: Array) -> Array:
     """Return the nearest points on the edges of faces."""
     best, result = np.full(len(x), np.inf), x.copy()
     for edge in cell.edges:
-        a, b = face[:, edge[0]], face[:, edge[-1]]
-        along = b - a
-        length = np.maximum(np.sum(along * along, axis=1), np.finfo(float).tiny)
-        s = np.clip(np.sum((x - a) * along, axis=1) / length, 0.0, 1.0)
-        point = a + s[:, None] * along
+        point = on_segments(face[:, edge[0]], face[:, edge[-1]], x)
         away = np.linalg.norm(x - point, axis=1)
         nearer = away < best
         best[nearer], result[nearer] = away[nearer], point[nearer]

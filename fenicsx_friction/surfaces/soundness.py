@@ -120,13 +120,11 @@ def _degenerate(X: Array, faces: Indices) -> npt.NDArray[np.bool_]:
 def _edges(faces: Indices) -> tuple[Indices, Indices, npt.NDArray[np.bool_]]:
     """Return the number of faces of each edge, pairs across an edge, and which of these agree."""
     n, size = faces.shape
+    edge = edges(faces)[1].T.ravel()
     if size == 2:  # a segment starts at its first end point and goes to its second
-        edge, sign = faces.T.ravel(), np.repeat([1, -1], n)
+        sign = np.repeat([1, -1], n)
     else:
-        sides = np.concatenate([faces[:, [i, (i + 1) % 3]] for i in range(3)])
-        sign = np.where(sides[:, 0] < sides[:, 1], 1, -1)
-        _, edge = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
-        edge = edge.ravel()
+        sign = np.where(faces < np.roll(faces, -1, axis=1), 1, -1).T.ravel()
     number = np.bincount(edge)
     order = np.argsort(edge, kind="stable")
     order = order[number[edge[order]] == 2].reshape(-1, 2)
