@@ -12,6 +12,7 @@ from dolfinx import fem
 
 import fenicsx_friction as ff
 from bodies import box, joined, stack
+from fenicsx_friction.obstacles import against_faces
 from fenicsx_friction.obstacles.averaged import DEEP
 from models import tagged_facets
 
@@ -119,6 +120,31 @@ def test_a_sharp_wedge_sinks_in_no_deeper_than_the_tolerance(half, method):
             assert force == pytest.approx(0.0, abs=1e-9)  # the wedge is not seen
             depth += step
     assert 0.0 < depth <= DEEP * size
+
+
+@pytest.mark.parametrize("touch", [1e-5, 1e-4])
+def test_a_node_that_only_touches_a_flank_does_not_hold_the_tip(touch, monkeypatch):
+    """The tip of a stiff wedge is 0.3 of a face deep between nodes."""
+
+    def sharpened(x):
+        x[1] -= np.where(x[1] <= 1.0, x[1] * abs(x[0] - 0.03), 0.0)
+        return x
+
+    def dip(by, name):
+        model = stack(
+            0.3, name, cell="quadrilateral", warp=sharpened, E=(1e3, 1e6), upper=(10, 5),
+            top=((-0.5, 1.01), (0.5, 1.51)), base=((-0.47, 0.0), (0.53, 1.0)), lower=(8, 4),
+        )  # fmt: skip
+        for y in (-0.01, -0.04 - by):
+            model.move(0.0, y)
+            force = model.problem.solve().contacts[0].force[1]
+        return force
+
+    with pytest.raises(ff.StepFailed, match="2 nodes of 'secondary' have faces"):
+        dip(touch, "touch_")
+    assert dip(0.01, "pressed_") > 1.0  # a force that belongs to it
+    monkeypatch.setattr(against_faces, "SHARPER", 1e30)
+    assert dip(touch, "net_") < 0.05  # a certificate for next to no force
 
 
 @pytest.mark.filterwarnings("ignore:The secondary surface .* is coarser")

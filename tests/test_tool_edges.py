@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import fenicsx_friction as ff
+from fenicsx_friction.obstacles import against_faces
 from fenicsx_friction.obstacles.face_pairs import FacesMet
 from fenicsx_friction.obstacles.nodes_met import NodesMet
 from fenicsx_friction.obstacles.points_met import PointsMet
@@ -37,6 +38,32 @@ def test_a_ridge_of_long_triangles_between_the_nodes_is_refused(kind, parts):
         for z in (0.02, 0.04, 0.06):
             model.place(np.eye(3), way(3, 0.0, -z))
             model.problem.solve()
+
+
+def dip(touch, name):
+    """Lower a block on a wedge whose tip is between nodes, till one touches a flank by ``touch``.
+
+    Returns the force there; the tip is 0.3 of a face deep.
+    """
+    wedge = ff.RigidSurface(
+        np.array([(0.03, 0.0), (-0.97, -1.0), (1.03, -1.0)]), [(0, 1), (1, 2), (2, 0)]
+    )
+    make = lambda msh, on: [ff.Contact(on[1], wedge, ff.Coulomb(0.3))]  # noqa: E731
+    low, high = (-0.5, 0.0), (0.5, 0.5)
+    model = body(make, name, low=low, high=high, n=[10, 5], simplices=True)
+    for z in (0.01, -0.03 - touch):
+        model.place(np.eye(2), np.array([0.0, z]))
+        force = model.problem.solve().contacts[0].force
+    return float(np.linalg.norm(force))
+
+
+@pytest.mark.parametrize("touch", [0.0, 1e-6, 1e-4])
+def test_a_node_that_only_touches_a_flank_does_not_hold_the_tip(touch, monkeypatch):
+    with pytest.raises(ff.StepFailed, match="2 nodes of 'side 1' have faces"):
+        dip(touch, "touch_")
+    assert dip(0.01, "pressed_") > 1.0  # a force that belongs to it
+    monkeypatch.setattr(against_faces, "SHARPER", 1e30)
+    assert dip(max(touch, 1e-6), "net_") < 0.05  # a certificate for next to no force
 
 
 def test_points_are_on_sharp_edges_only():

@@ -100,7 +100,7 @@ class Contact:
             )
         self._bound = True
         self._u, self.parent_dofs = u, self.surface.parent_dofs(u.function_space)
-        side = Side(self.surface, u, u_old, self.c, self.hint, self.parent_dofs)
+        side = Side(self.surface, u, u_old, self.c, self.hint, self.felt, self.parent_dofs)
         self.pairing = self.obstacle.meet(side)
         law = self.friction.on(self.surface.mesh)
         self.rows = LawRows(self.pairing.kinematics, law, self, dt, normal)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -14,7 +15,8 @@ from dolfinx import fem
 
 from ..base.errors import ContactInputError
 from ..surfaces.faces import Faces, FaceSet
-from .crossing import DEPTH, Motion, Trail, find_crossed
+from .averaged import DEEP
+from .crossing import DEPTH, HELD_DEPTH, Motion, Trail, find_crossed
 from .kinematics import Array
 from .pairing import Mask, Pairing
 from .search import Pairs, SearchPolicy, find_pairs
@@ -22,6 +24,8 @@ from .search import Pairs, SearchPolicy, find_pairs
 Indices = npt.NDArray[np.int64]
 #: An offset is known along the node's own normal: part of it by which it is in doubt.
 TILTED = 0.1
+#: Edges may be so many times deeper in faces than the tractions there press these in.
+SHARPER = 30.0
 
 
 class AgainstFaces(Pairing):
@@ -131,7 +135,12 @@ class AgainstFaces(Pairing):
         held = closed[node]
         met = beside(self.faces, node[held], other[held], len(closed))
         nodes, faces = self._trails()
-        motion = faces.seen_by(nodes, self._secondary.own, self.behind, self._doubt)
+        own = self._secondary.own
+        motion = faces.seen_by(nodes, own, self.behind, self._doubt)
+        number = np.arange(own.start, own.stop)[:, None]
+        of_node = self._deepest(closed, number, self._secondary.node_sizes()[own])
+        of_face = HELD_DEPTH * self.faces.sizes + self._doubt
+        motion = replace(motion, held_depths=(of_face, of_node))
         return self._find_crossed(motion, self.started(), met) >= 0
 
     def _find_crossed(
@@ -139,6 +148,23 @@ class AgainstFaces(Pairing):
     ) -> Indices:
         """Return the face that each node has crossed in a step, or -1."""
         return find_crossed(self.faces, motion, started, met)
+
+    def _deepest(self, closed: Mask, around: Indices, sizes: Array) -> Array:
+        """Return how deep what is met may be in faces (m); collective.
+
+        Beside nodes that contact presses in, edges press between the nodes.
+
+        Args:
+            closed: Closed nodes.
+            around: Nodes of each face, of all ranks.
+            sizes: Of the faces (m).
+        """
+        body = self._secondary
+        pressed = np.asarray(body.gather(np.where(closed, self.side.pressed_in(), 0.0)))
+        beside = pressed.copy()
+        np.maximum.at(beside, body.faces, np.max(pressed[body.faces], axis=1)[:, None])
+        sharp = SHARPER * np.max(beside[around], axis=1)
+        return np.asarray(np.clip(sharp, DEEP * sizes, HELD_DEPTH * sizes) + self._doubt)
 
     def _trails(self) -> tuple[Trail, Trail]:
         """Return the ways of the secondary and of the primary nodes in this step; collective."""

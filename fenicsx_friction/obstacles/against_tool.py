@@ -15,7 +15,7 @@ from dolfinx import fem
 
 from .against_faces import AgainstFaces
 from .averaged import DEEP
-from .crossing import DEPTH, HELD_DEPTH, Motion, find_crossed
+from .crossing import DEPTH, Motion, find_crossed
 from .kinematics import Array
 from .pairing import Mask
 from .search import find_pairs
@@ -54,8 +54,7 @@ class AgainstTool(AgainstFaces):
         x, directions = tool.edges.near(np.concatenate([start, end]), body.size)
         mine = slice(comm.rank, None, comm.size)
         x, directions = x[mine], directions[mine]
-        held = np.any(self._at_contact(closed)[body.faces], axis=1)
-        deep = np.where(held, HELD_DEPTH, DEEP) * body.sizes + self._doubt
+        deep = self._deepest(closed, body.faces, body.sizes)
         motion = Motion(
             face_x=(start, end),
             x=(x, x),
@@ -119,13 +118,6 @@ class AgainstTool(AgainstFaces):
     @abstractmethod
     def _places(self) -> Iterator[tuple[Array, Array, Indices, Array]]:
         """Yield points beside the unmoved tool, normals, nodes, and depths that they meet (m)."""
-
-    def _at_contact(self, closed: Mask) -> Mask:
-        """Tell which nodes of all ranks are closed, or beside such a node; collective."""
-        body = self._secondary
-        found = np.asarray(body.gather(closed))
-        found[body.faces[np.any(found[body.faces], axis=1)]] = True
-        return found
 
     def view(self, u: fem.Function) -> View:
         """Return how the nearest faces look at the nodes; collective."""

@@ -22,6 +22,7 @@ class Side:
         u_old: Displacement of the last accepted step.
         c: Multipliers ``(c_n, c_1[, c_2])`` (Pa).
         hint: Direction whose tangential part is the first tangent.
+        felt: Stiffness of the bulk over area that the nodes feel (Pa/m).
         parent_dofs: The (blocked) dof of the displacement at each local node.
     """
 
@@ -30,6 +31,7 @@ class Side:
     u_old: fem.Function
     c: fem.Function
     hint: fem.Function
+    felt: fem.Function
     parent_dofs: npt.NDArray[np.int32]
 
     @property
@@ -48,6 +50,11 @@ class Side:
     def nodal_entries(self, values: npt.NDArray) -> npt.NDArray:
         """Return the entries of an array over that space at the owned nodes."""
         return values.reshape(-1, self.d)[: self.surface.num_owned]
+
+    def pressed_in(self) -> Array:
+        """Return how far the multipliers press the body in at each owned node (m), about."""
+        c_n, felt = self.nodal(self.c)[:, 0], self.felt.x.array[: self.surface.num_owned]
+        return np.asarray(abs(c_n) / felt)
 
     def facet_size(self) -> Array:
         """Return the size of the facets round each owned node (m)."""

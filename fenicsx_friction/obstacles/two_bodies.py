@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -18,7 +19,7 @@ from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
 from .against_faces import AgainstFaces, beside
 from .averaged import DEEP
-from .crossing import find_crossed
+from .crossing import HELD_DEPTH, find_crossed
 from .face_frames import along_planes
 from .kinematics import Array
 from .pairing import Mask
@@ -114,6 +115,9 @@ class TwoBodies(AgainstFaces):
         met = beside(self._secondary, i[here] - mine.start, j[here], mine.stop - mine.start)
         faces, nodes = self._trails()
         motion = faces.seen_by(nodes, mine, DEEP, self._doubt)
+        of_face = self._deepest(closed, self._secondary.faces, self._secondary.sizes)
+        of_node = HELD_DEPTH * self.faces.node_sizes()[mine] + self._doubt
+        motion = replace(motion, held_depths=(of_face, of_node))
         started = self._faces_at_start(self._secondary, self.faces)
         entered = find_crossed(self._secondary, motion, started, met)
         entered = np.concatenate(self.primary.mesh.comm.allgather(entered[entered >= 0]))

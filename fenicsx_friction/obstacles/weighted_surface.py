@@ -14,7 +14,7 @@ from ..surfaces.nodal_kernel import Sites
 from .against_tool import AgainstTool
 from .averaged import DEEP
 from .between import Between
-from .crossing import HELD_DEPTH, Motion
+from .crossing import Motion
 from .kinematics import Array
 from .pairing import Mask
 from .points_met import PointsMet
@@ -168,10 +168,10 @@ class WeightedSurface(AgainstTool, WeightedPairing):
 
         Faces at contact are before the tool on average only.
         """
-        held = np.any(self._at_contact(closed)[sites.around], axis=1)
-        part = np.repeat(np.where(held, HELD_DEPTH, DEEP), len(sites.x) // max(len(held), 1))
         sizes = self._secondary.node_sizes()[self._secondary.own]
-        return np.asarray(part * sizes[sites.node_of_point] + self._doubt)
+        number = len(sites.x) // max(len(sites.around), 1)
+        around = np.repeat(sites.around, number, axis=0)
+        return self._deepest(closed, around, sizes[sites.node_of_point])
 
     def _places(self) -> Iterator[tuple[Array, Array, Indices, Array]]:
         """Yield the points of the averages, and the nodes of the faces."""
