@@ -137,8 +137,7 @@ class AgainstFaces(Pairing):
         nodes, faces = self._trails()
         own = self._secondary.own
         motion = faces.seen_by(nodes, own, self.behind, self._doubt)
-        number = np.arange(own.start, own.stop)[:, None]
-        of_node = self._deepest(closed, number, self._secondary.node_sizes()[own])
+        of_node = self._deepest_nodes(self._pressed(closed))
         of_face = HELD_DEPTH * self.faces.sizes + self._doubt
         motion = replace(motion, held_depths=(of_face, of_node))
         return self._find_crossed(motion, self.started(), met) >= 0
@@ -149,22 +148,31 @@ class AgainstFaces(Pairing):
         """Return the face that each node has crossed in a step, or -1."""
         return find_crossed(self.faces, motion, started, met)
 
-    def _deepest(self, closed: Mask, around: Indices, sizes: Array) -> Array:
-        """Return how deep what is met may be in faces (m); collective.
+    def _pressed(self, closed: Mask) -> Array:
+        """Return how far contact presses in the nodes of all ranks, if closed (m); collective."""
+        pressed = np.where(closed, self.side.pressed_in(), 0.0)
+        return np.asarray(self._secondary.gather(pressed))
+
+    def _deepest(self, pressed: Array, around: Indices, sizes: Array) -> Array:
+        """Return how deep what is met may be in faces (m).
 
         Beside nodes that contact presses in, edges press between the nodes.
 
         Args:
-            closed: Closed nodes.
+            pressed: How far the nodes are pressed in (m).
             around: Nodes of each face, of all ranks.
             sizes: Of the faces (m).
         """
-        body = self._secondary
-        pressed = np.asarray(body.gather(np.where(closed, self.side.pressed_in(), 0.0)))
-        beside = pressed.copy()
-        np.maximum.at(beside, body.faces, np.max(pressed[body.faces], axis=1)[:, None])
+        faces, beside = self._secondary.faces, pressed.copy()
+        np.maximum.at(beside, faces, np.max(pressed[faces], axis=1)[:, None])
         sharp = SHARPER * np.max(beside[around], axis=1)
         return np.asarray(np.clip(sharp, DEEP * sizes, HELD_DEPTH * sizes) + self._doubt)
+
+    def _deepest_nodes(self, pressed: Array) -> Array:
+        """Return how deep the owned nodes may be in faces beside what they meet (m)."""
+        body, own = self._secondary, self._secondary.own
+        number = np.arange(own.start, own.stop)[:, None]
+        return self._deepest(pressed, number, body.node_sizes()[own])
 
     def _trails(self) -> tuple[Trail, Trail]:
         """Return the ways of the secondary and of the primary nodes in this step; collective."""

@@ -54,7 +54,7 @@ class AgainstTool(AgainstFaces):
         x, directions = tool.edges.near(np.concatenate([start, end]), body.size)
         mine = slice(comm.rank, None, comm.size)
         x, directions = x[mine], directions[mine]
-        deep = self._deepest(closed, body.faces, body.sizes)
+        deep = self._deepest(self._pressed(closed), body.faces, body.sizes)
         motion = Motion(
             face_x=(start, end),
             x=(x, x),

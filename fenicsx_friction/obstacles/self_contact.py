@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from mpi4py import MPI
 
@@ -115,6 +115,10 @@ class OneSurface(NodeToFace):
         part = np.where(primary, DEEP, DEPTH)
         nodes, faces = self._trails()
         motion = faces.seen_by(nodes, own, part, self._doubt)
+        pressed = self._pressed(closed)
+        np.maximum.at(pressed, pairs[:, 1], pressed[pairs[:, 0]])  # what is met is pressed in, too
+        of_face = self._deepest(pressed, self.faces.faces, self.faces.sizes)
+        motion = replace(motion, held_depths=(of_face, self._deepest_nodes(pressed)))
         return np.asarray(find_crossed(self.faces, motion, self.started(), met) >= 0)
 
     def pierced(self, closed: Mask) -> Mask:

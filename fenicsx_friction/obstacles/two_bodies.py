@@ -115,7 +115,8 @@ class TwoBodies(AgainstFaces):
         met = beside(self._secondary, i[here] - mine.start, j[here], mine.stop - mine.start)
         faces, nodes = self._trails()
         motion = faces.seen_by(nodes, mine, DEEP, self._doubt)
-        of_face = self._deepest(closed, self._secondary.faces, self._secondary.sizes)
+        body = self._secondary
+        of_face = self._deepest(self._pressed(closed), body.faces, body.sizes)
         of_node = HELD_DEPTH * self.faces.node_sizes()[mine] + self._doubt
         motion = replace(motion, held_depths=(of_face, of_node))
         started = self._faces_at_start(self._secondary, self.faces)

@@ -171,7 +171,7 @@ class WeightedSurface(AgainstTool, WeightedPairing):
         sizes = self._secondary.node_sizes()[self._secondary.own]
         number = len(sites.x) // max(len(sites.around), 1)
         around = np.repeat(sites.around, number, axis=0)
-        return self._deepest(closed, around, sizes[sites.node_of_point])
+        return self._deepest(self._pressed(closed), around, sizes[sites.node_of_point])
 
     def _places(self) -> Iterator[tuple[Array, Array, Indices, Array]]:
         """Yield the points of the averages, and the nodes of the faces."""
