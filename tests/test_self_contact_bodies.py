@@ -11,7 +11,7 @@ from dolfinx.la import InsertMode
 
 import fenicsx_friction as ff
 from bodies import box, joined
-from fenicsx_friction.obstacles import roles
+from fenicsx_friction.obstacles import against_faces, roles
 from folds import stored
 
 QUADS = "quadrilateral"
@@ -185,6 +185,29 @@ def test_thin_sheets_on_each_other_are_not_inside_each_other(thickness):
     assert report.contacts[0].normal_force > 0.0
     total = sum(model.force(name)[1] for name in held)
     assert abs(total) < 1e-3 * model.force("block")[1]
+
+
+@pytest.mark.parametrize("touch", [1e-5, 1e-4])
+def test_a_node_that_only_touches_a_flank_does_not_hold_the_tip(touch, monkeypatch):
+    """The tip of a wedge goes 0.3 of a face deep between nodes of a block."""
+
+    def dip(by, name):
+        block = box([-0.5, GAP], [0.5, 0.5], [10, 5], QUADS)
+        wedge = box([-0.47, -1.0], [0.53, 0.0], [8, 4], QUADS)
+        x = wedge.geometry.x
+        x[:, 1] -= (1.0 + x[:, 1]) * abs(x[:, 0] - 0.03)
+        held = {
+            "block": lambda x: near(x[1], 0.5),
+            "wedge": lambda x: x[1] <= 0.0,
+        }
+        model = Bodies(joined(MPI.COMM_WORLD, block, wedge), name, held)
+        return model.solve(block=(0.0, -GAP - 0.03 - by)).contacts[0].normal_force
+
+    with pytest.raises(ff.StepFailed, match="1 nodes of 'face1' went through"):
+        dip(touch, "touch_")
+    assert dip(0.01, "pressed_") > 0.1  # a force that belongs to it
+    monkeypatch.setattr(against_faces, "SHARPER", 1e30)
+    assert dip(touch, "net_") < 0.01  # a certificate for next to no force
 
 
 def posts(prefix, *, one):
