@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Folder = str | os.PathLike[str]
 Array = npt.NDArray[Any]
 #: Colours of the states open, stick and slip.
-COLOURS = ("lightgrey", "tab:blue", "tab:red")
+COLOURS = ("darkgrey", "tab:blue", "tab:red")
 
 
 def contact_line(

@@ -50,7 +50,7 @@ class MortarElement:
         self._turning = Turning(facing, points, groups)
         self._corners, self._couples = groups.corners, groups.couples
         self._at, self._old_at = facing.secondary.shapes(points.xi), facing.primary.shapes(old[1])
-        self._old_dofs = facing.primary.dofs[old[0]]
+        self._old_face = old[0]
         self._gap_shares = groups.corners.gaps(self._at)
         self._shares_at = groups.corners.slips(self._at)
         self._old_shares = groups.old.slips(self._old_at)
@@ -90,17 +90,17 @@ class MortarElement:
         self._turns = turns
         self._by_normal = by_normal
         self._normal = normal = normals[points.patch]
-        dofs = secondary.dofs[secondary.face_of(points.patch)]
-        self.x = (self._at[:, None] @ x[0][dofs])[:, 0]
+        face = secondary.face_of(points.patch)
+        self.x = (self._at[:, None] @ secondary.at_dofs(x[0], face))[:, 0]
         eta, gap = cast(primary, x[1], points.face, self.x, normal, points.eta)
         self.failed = ~np.isfinite(gap)
         eta[self.failed] = points.eta[self.failed]
         self.gap = np.where(self.failed, 0.0, gap)
         table = primary.table(eta)
         self._shapes, self._slopes = table[:, 0], table[:, 1:]
-        tangents = self._slopes @ x[1][primary.dofs[points.face]]
+        tangents = self._slopes @ primary.at_dofs(x[1], points.face)
         self._duals = duals(tangents, normal)
-        self._way = self.x - (self._old_at[:, None] @ x[1][self._old_dofs])[:, 0]
+        self._way = self.x - (self._old_at[:, None] @ primary.at_dofs(x[1], self._old_face))[:, 0]
         self._way_of_corner = corners.slips(self._way)
         self._couple_shapes = self._couples.slips(self._shapes)
 

@@ -30,10 +30,10 @@ def points_before(
     """
     secondary, primary = facing.secondary, facing.primary
     normal = Planes.of(secondary, x[0]).normal[points.patch]
-    dofs = secondary.dofs[secondary.face_of(points.patch)]
-    start = (secondary.shapes(points.xi)[:, None] @ x[0][dofs])[:, 0]
+    corners = secondary.at_dofs(x[0], secondary.face_of(points.patch))
+    start = (secondary.shapes(points.xi)[:, None] @ corners)[:, 0]
     face = points.face.copy()
-    eta, _ = cast(primary, x[1], face, start, normal)
+    eta, _ = cast(primary, x[1], face, start, normal, points.eta)
     lost = ~np.all(np.isfinite(eta), axis=1)
     eta[lost] = points.eta[lost]
     away = np.flatnonzero(~primary.inside(eta))

@@ -40,23 +40,26 @@ def cast(
         Places on the faces; and how far before them the points are, against the direction (m). Not
         a number where the search fails.
     """
-    corners = x[faces.dofs[face]]
+    corners = faces.at_dofs(x, face)
     gap: Array = np.zeros(len(face))
     place = np.tile(faces.centers.mean(axis=0), (len(face), 1)) if eta is None else eta.copy()
     left = np.arange(len(face))
-    failed = np.zeros(len(face), dtype=bool)
+    failed, before = np.zeros(len(face), dtype=bool), np.zeros(len(face))
     with np.errstate(all="ignore"):
         for _ in range(MAX_IT):
-            at = place[left]
-            around = faces.table(at) @ corners[left]  # foot, then tangents; faster than einsum
-            way = start[left] - around[:, 0]
-            step, gap[left] = split(around[:, 1:], along[left], way)
-            place[left] = at + (step if faces.affine else np.clip(step, -1.0, 1.0))
-            moved = np.max(abs(step), axis=1)
+            rows = left if len(left) < len(face) else slice(None)  # most often: no copies
+            at = place[rows]
+            around = faces.table(at) @ corners[rows]  # foot, then tangents; faster than einsum
+            way = start[rows] - around[:, 0]
+            step, gap[rows] = split(around[:, 1:], along[rows], way)
+            place[rows] = at + (step if faces.affine else np.clip(step, -1.0, 1.0))
+            moved = np.maximum(abs(step[:, 0]), abs(step[:, -1]))
             if faces.affine:
                 moved *= 0.0  # one step is exact
-            failed[left] = ~(moved < TOLERANCE)
-            left = left[moved >= TOLERANCE]
+            # Steps fall with their squares: the next one is known from two.
+            done = (moved < TOLERANCE) | (moved**3 < (before[rows] * TOLERANCE) ** 2)
+            failed[rows], before[rows] = ~done, moved
+            left = left[np.isfinite(moved) & ~done]
             if not len(left):
                 break
     place[failed] = np.nan

@@ -176,8 +176,8 @@ class _Sight:
         faces, x, normal = self._secondary, self._x[0], self._planes.normal[patch]
         face, begin = faces.face_of(patch), faces.centers[patch % len(faces.corners)]
         xi, _ = cast(faces, x, face, self._planes.points(patch, flat), normal, begin)
-        slopes, dofs = faces.table(xi)[:, 1:], faces.dofs[face]
-        area, now = (normals_of(slopes @ y[dofs]) for y in (faces.X, x))
+        slopes = faces.table(xi)[:, 1:]
+        area, now = (normals_of(slopes @ faces.at_dofs(y, face)) for y in (faces.X, x))
         return xi, np.linalg.norm(area, axis=1) / abs(np.sum(now * normal, axis=1))
 
 

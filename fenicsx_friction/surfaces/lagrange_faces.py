@@ -97,6 +97,10 @@ class LagrangeFaces:
         """The centers of a face's patches in its coordinates."""
         return np.asarray(self.corners.mean(axis=1))
 
+    def at_dofs(self, x: Array, face: Indices) -> Array:
+        """Return values (of dofs, d) at the dofs of some faces: (faces, dofs, d)."""
+        return np.take(x, np.take(self.dofs, face, axis=0), axis=0)  # faster than x[...]
+
     def shapes(self, xi: Array) -> Array:
         """Return the shape functions at points of faces: (points, dofs)."""
         return _tabulated(self._element, 0, xi)[0]
