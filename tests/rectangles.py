@@ -27,12 +27,12 @@ def turned(angle, d):
 
 def body(
     make, prefix, *, low, high, n, turn=None, energy="finite", traction=None, comm=None,
-    degree=1, simplices=False,
+    degree=1, simplices=False, held=None,
 ):  # fmt: skip
     """Build a rectangle or box; surfaces: 1 bottom, 3 left, 5 both.
 
-    ``make(msh, surfaces)`` returns the contacts; the top is held by the Function ``top`` unless
-    there are loads: ``traction`` (top, right), pressures.
+    ``make(msh, surfaces)`` returns the contacts; the top, or where ``held`` says so, is held by the
+    Function ``top`` unless there are loads: ``traction`` (top, right), pressures.
     """
     d, comm = len(low), comm or MPI.COMM_WORLD
     create = mesh.create_rectangle if d == 2 else mesh.create_box
@@ -42,7 +42,7 @@ def body(
     tags = tagged_facets(
         msh,
         lambda x: np.isclose(x[up], low[up]),
-        lambda x: np.isclose(x[up], high[up]),
+        held or (lambda x: np.isclose(x[up], high[up])),
         lambda x: np.isclose(x[0], low[0]),
         lambda x: np.isclose(x[0], high[0]),
     )

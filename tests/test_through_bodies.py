@@ -142,7 +142,6 @@ def test_a_node_that_only_touches_a_flank_does_not_hold_the_tip(touch, monkeypat
 
     with pytest.raises(ff.StepFailed, match="2 nodes of 'secondary' have faces"):
         dip(touch, "touch_")
-    assert dip(0.01, "pressed_") > 1.0  # a force that belongs to it
     monkeypatch.setattr(against_faces, "SHARPER", 1e30)
     assert dip(touch, "net_") < 0.05  # a certificate for next to no force
 

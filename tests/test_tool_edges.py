@@ -40,14 +40,18 @@ def test_a_ridge_of_long_triangles_between_the_nodes_is_refused(kind, parts):
             model.problem.solve()
 
 
+def poly(*points):
+    """A closed polygon, in turn against the clock."""
+    n = np.arange(len(points))
+    return np.array(points), np.column_stack([n, (n + 1) % len(points)])
+
+
 def dip(touch, name):
     """Lower a block on a wedge whose tip is between nodes, till one touches a flank by ``touch``.
 
     Returns the force there; the tip is 0.3 of a face deep.
     """
-    wedge = ff.RigidSurface(
-        np.array([(0.03, 0.0), (-0.97, -1.0), (1.03, -1.0)]), [(0, 1), (1, 2), (2, 0)]
-    )
+    wedge = ff.RigidSurface(*poly((0.03, 0.0), (-0.97, -1.0), (1.03, -1.0)))
     make = lambda msh, on: [ff.Contact(on[1], wedge, ff.Coulomb(0.3))]  # noqa: E731
     low, high = (-0.5, 0.0), (0.5, 0.5)
     model = body(make, name, low=low, high=high, n=[10, 5], simplices=True)
@@ -61,9 +65,30 @@ def dip(touch, name):
 def test_a_node_that_only_touches_a_flank_does_not_hold_the_tip(touch, monkeypatch):
     with pytest.raises(ff.StepFailed, match="2 nodes of 'side 1' have faces"):
         dip(touch, "touch_")
-    assert dip(0.01, "pressed_") > 1.0  # a force that belongs to it
+    assert dip(0.015, "pressed_") > 1.0  # a force that belongs to it
     monkeypatch.setattr(against_faces, "SHARPER", 1e30)
     assert dip(max(touch, 1e-6), "net_") < 0.05  # a certificate for next to no force
+
+
+def pulled_down(n, name):
+    """A stretched belt, 0.4 of a face thick if n = 80, is pulled down over a roof by its ends."""
+    roof = ff.RigidSurface(*poly((0.0, 0.0), (-2.75, -1.0), (2.75, -1.0)))
+    make = lambda msh, on: [ff.Contact(on[1], roof, ff.Frictionless())]  # noqa: E731
+    ends = lambda x: np.isclose(abs(x[0]), 0.5)  # noqa: E731
+    belt = body(make, name, low=(-0.5, 0.001), high=(0.5, 0.006), n=[n, 4], held=ends)
+    for depth in (0.0, 0.03, 0.06, 0.09, 0.12, 0.15):
+        belt.place(np.diag([1.02, 1.0]), np.array([0.0, -depth]))
+        force = belt.problem.solve().contacts[0].force[1]
+    return force
+
+
+def test_thin_bodies_are_folded_round_edges_by_small_forces(monkeypatch):
+    """The edge is an eighth of a face deep; a mesh twice as fine gives the same force."""
+    force = pulled_down(80, "belt_")
+    assert force == pytest.approx(pulled_down(160, "fine_belt_"), rel=0.02)
+    monkeypatch.setattr(against_faces, "BENT", 0.0)
+    with pytest.raises(ff.StepFailed, match="have faces"):
+        pulled_down(80, "net_")
 
 
 def test_points_are_on_sharp_edges_only():

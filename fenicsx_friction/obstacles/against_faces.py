@@ -24,8 +24,9 @@ from .search import Pairs, SearchPolicy, find_pairs
 Indices = npt.NDArray[np.int64]
 #: An offset is known along the node's own normal: part of it by which it is in doubt.
 TILTED = 0.1
-#: Edges may be so many times deeper in faces than the tractions there press these in.
-SHARPER = 30.0
+#: Edges may be so many times deeper in faces than the tractions there press these in, or as this
+#: part of a face times the angle by which faces are folded there.
+SHARPER, BENT = 20.0, 2.0
 
 
 class AgainstFaces(Pairing):
@@ -149,9 +150,15 @@ class AgainstFaces(Pairing):
         return find_crossed(self.faces, motion, started, met)
 
     def _pressed(self, closed: Mask) -> Array:
-        """Return how far contact presses in the nodes of all ranks, if closed (m); collective."""
-        pressed = np.where(closed, self.side.pressed_in(), 0.0)
-        return np.asarray(self._secondary.gather(pressed))
+        """Return how deep edges may be beside the nodes of all ranks, if closed (m); collective.
+
+        Tractions tell how far they press a massive body in; thin ones are bent by far less.
+        """
+        body, own = self._secondary, self._secondary.own
+        bent = abs(body.folds(body.positions(self.side.u)) - body.folds(body.X))[own]
+        bent *= BENT * body.node_sizes()[own]
+        deep = np.maximum(SHARPER * self.side.pressed_in(), bent)
+        return np.asarray(body.gather(np.where(closed, deep, 0.0)))
 
     def _deepest(self, pressed: Array, around: Indices, sizes: Array) -> Array:
         """Return how deep what is met may be in faces (m).
@@ -159,13 +166,13 @@ class AgainstFaces(Pairing):
         Beside nodes that contact presses in, edges press between the nodes.
 
         Args:
-            pressed: How far the nodes are pressed in (m).
+            pressed: How deep edges may be beside the nodes (m).
             around: Nodes of each face, of all ranks.
             sizes: Of the faces (m).
         """
         faces, beside = self._secondary.faces, pressed.copy()
         np.maximum.at(beside, faces, np.max(pressed[faces], axis=1)[:, None])
-        sharp = SHARPER * np.max(beside[around], axis=1)
+        sharp = np.max(beside[around], axis=1)
         return np.asarray(np.clip(sharp, DEEP * sizes, HELD_DEPTH * sizes) + self._doubt)
 
     def _deepest_nodes(self, pressed: Array) -> Array:

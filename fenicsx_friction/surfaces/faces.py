@@ -45,12 +45,23 @@ class Faces:
 
     def node_normals(self, x: Array) -> Array:
         """Return the averaged unit normals of the nodes at the positions ``x``."""
+        result = self._summed_normals(x)
+        return result / np.maximum(np.linalg.norm(result, axis=1, keepdims=True), 1e-300)
+
+    def folds(self, x: Array) -> Array:
+        """Return the angle between the faces round each node, zero where they are flat."""
+        number = np.bincount(self.faces.ravel(), minlength=len(x))
+        mean = np.linalg.norm(self._summed_normals(x), axis=1) / np.maximum(number, 1)
+        return np.asarray(2.0 * np.arccos(np.minimum(mean, 1.0)))
+
+    def _summed_normals(self, x: Array) -> Array:
+        """Return the sums of the unit normals of the faces round the nodes."""
         corners = x[self.faces]
         center = np.tile(self.cell.center, (len(corners), 1))
         result = np.zeros_like(x)
         for column in self.faces.T:
             np.add.at(result, column, normals(self.cell, corners, center))
-        return result / np.maximum(np.linalg.norm(result, axis=1, keepdims=True), 1e-300)
+        return result
 
     def node_sizes(self) -> Array:
         """Return the smallest diameter (m) of the faces round each node."""
