@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import fenicsx_friction as ff
-from fenicsx_friction.obstacles import against_faces
+from fenicsx_friction.obstacles import against_faces, crossing_events
 from fenicsx_friction.obstacles.face_pairs import FacesMet
 from fenicsx_friction.obstacles.nodes_met import NodesMet
 from fenicsx_friction.obstacles.points_met import PointsMet
@@ -89,6 +89,29 @@ def test_thin_bodies_are_folded_round_edges_by_small_forces(monkeypatch):
     monkeypatch.setattr(against_faces, "BENT", 0.0)
     with pytest.raises(ff.StepFailed, match="have faces"):
         pulled_down(80, "net_")
+
+
+@pytest.mark.parametrize("simplices", [False, True])
+def test_a_punch_may_end_at_a_node_or_a_little_inside_or_outside(simplices, monkeypatch):
+    """The nodes at its edges slide down beside it, or stay on it: with the force in between."""
+
+    def punched(half, name):
+        punch = ff.RigidSurface(*box((-half, -0.5), (half, 0.0)))
+        make = lambda msh, on: [ff.Contact(on[1], punch, ff.Coulomb(0.4))]  # noqa: E731
+        low, high = (-0.5, 0.0), (0.5, 0.5)
+        model = body(make, name, low=low, high=high, n=[10, 5], simplices=simplices)
+        for z in (-0.0001, -0.0003, -0.003, -0.02):
+            model.place(np.eye(2), np.array([0.0, z]))
+            force = model.problem.solve().contacts[0].force[1]
+        return force
+
+    least, most = (punched(half, f"punch{half}_") for half in (0.19, 0.21))
+    for inside in (0.0, 1e-9, 1e-5, 1e-4, -1e-4):
+        force = punched(0.2 - inside, f"punch{inside}_")
+        assert 0.99 * least < force < 1.01 * most
+    monkeypatch.setattr(crossing_events, "ROUNDING", np.inf)  # nothing counts as beside
+    with pytest.raises(ff.StepFailed, match="went through"):
+        punched(0.2 - 1e-4, "net_")
 
 
 def test_points_are_on_sharp_edges_only():

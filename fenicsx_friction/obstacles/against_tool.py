@@ -84,7 +84,9 @@ class AgainstTool(AgainstFaces):
         few = np.flatnonzero((face >= 0) | (wall >= 0))
         (start, end), (n, m) = ([a[few] for a in ends] for ends in (motion.x, motion.directions))
         sharp = np.minimum(of_node[few], DEPTH * self._secondary.size + self._doubt)
-        sharply = Motion(motion.face_x, (start, end), (n, m), (of_face, sharp), aslant=-ASLANT)
+        sharply = Motion(
+            motion.face_x, (start, end), (n, m), (of_face, sharp), aslant=-ASLANT, at_rest=True
+        )
         through = (super()._find_crossed(sharply, started[few]) >= 0) & (face[few] >= 0)
         way = np.concatenate(
             [start + t * (end - start) for t in np.linspace(0.0, 1.0, SAMPLES + 1)]

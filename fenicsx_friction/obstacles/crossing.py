@@ -93,6 +93,7 @@ class Motion:
             one counts.
         held_depths: The same for faces that hold the node; as for others by default.
         aslant: Cosine of the normals up to which nodes enter faces.
+        at_rest: The faces do not move, and who passes beside them has not entered them.
     """
 
     face_x: tuple[Array, Array]
@@ -101,6 +102,7 @@ class Motion:
     depths: tuple[Array, Array]
     held_depths: tuple[Array, Array] | None = None
     aslant: float = 0.0
+    at_rest: bool = False
 
 
 def find_crossed(
@@ -138,7 +140,7 @@ def find_crossed(
         node, face, start, depth = (np.repeat(a, parts) for a in (i, f, f == started[i], depth))
         (x, y), (n, m) = ([end[node] for end in ends] for ends in (motion.x, motion.directions))
         way = Way((x, y - x), (first, last - first), (n, m - n))
-        events = find_events(way, start, depth, motion.aslant)
+        events = find_events(way, start, depth, motion.aslant, at_rest=motion.at_rest)
         covers = ends_behind(way, depth)
         nodes, rows = _verdict(events, node, covers, len(crossed))
         crossed[nodes] = face[rows]

@@ -14,6 +14,8 @@ from .ways import Indices, Mask, Way, area_vectors, sign_changes
 ENTER = 0.005
 #: ... and leave it up to this one: a path that leaves near an edge must find one of its faces.
 LEAVE = 0.1
+#: Rounding of places in simplices.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,9 @@ class Events:
         return Events(*(getattr(self, f.name)[kept] for f in fields(self)))
 
 
-def find_events(way: Way, start: Mask, depth: Array, aslant: float = 0.0) -> Events:
+def find_events(
+    way: Way, start: Mask, depth: Array, aslant: float = 0.0, *, at_rest: bool = False
+) -> Events:
     """Find all events of pairs of nodes and simplices.
 
     Args:
@@ -52,6 +56,8 @@ def find_events(way: Way, start: Mask, depth: Array, aslant: float = 0.0) -> Eve
         depth: From where on a node is behind its simplex (m).
         aslant: Cosine of the normals up to which nodes enter simplices; they come out on the near
             side where it is less than minus this.
+        at_rest: The simplices do not move: who is beyond one of their edges at both ends of the way
+            was so all the time.
     """
     levels = [depth * np.linalg.norm(area_vectors(way.at(t)[1]), axis=1) for t in (0.0, 1.0)]
     degree = way.corners[0].shape[1]
@@ -72,7 +78,11 @@ def find_events(way: Way, start: Mask, depth: Array, aslant: float = 0.0) -> Eve
     # Behind the fold of two faces that look at each other neither is entered within its edges.
     beyond = np.maximum(ENTER, depth[rows] / np.maximum(size, depth[rows]))
     inside = np.min(place, axis=1) >= -np.where(entering, beyond, LEAVE)
-    _, last = met.place(1.0)
+    end, last = met.place(1.0)
+    if at_rest:
+        first, _ = met.place(0.0)
+        beside = (np.maximum(first, end) < ROUNDING) & (np.minimum(first, end) < -ROUNDING)
+        inside &= ~(entering & np.any(beside, axis=1))
     moved = x - np.einsum("nk,nkd->nd", place, corners)
     behind_by = -np.sum(moved * last, axis=1)
     aside = np.linalg.norm(moved + behind_by[:, None] * last, axis=1)
