@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Ways to solve an increment: predictor and corrector, and the fallbacks when they fail."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -8,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from ..base.log import tell
 from ..contact.slip_corrector import freeze_stick, has_false_root
 from ..solvers.report import SubstepReport
 from . import snapshot
@@ -21,8 +23,9 @@ SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
 SMALLEST_CONTINUATION = 1e-4
 #: Smallest part of the friction that is added in one stage.
 SMALLEST_REDUCTION = 1e-3
-#: Tolerance of a solve after which nodes look for their faces, to be solved again.
-ROUGH_TOLERANCE = 1e-6
+#: Tolerance of a solve after which nodes look for their faces, to be solved again; and iterations
+#: after which they look for the first time: by then it is known about where they are.
+ROUGH_TOLERANCE, FIRST_LOOK = 1e-6, 3
 #: After a stage with at most this many iterations, ``xi`` falls faster.
 EASY_STAGE = 1
 
@@ -84,8 +87,15 @@ def correct(
     reports = predict(system, eps, attempt.predictor_iterations)
     if attempt.corrector == "ramp":
         reports += _ramp(system, attempt, eps)
-    reports.append(polish(system, attempt, roughly=roughly))
-    return reports
+    contacts = system.contacts
+    if not (roughly and all(k.pairing.early for k in contacts)):
+        return [*reports, polish(system, attempt, roughly=roughly)]
+    reports.append(polish(system, replace(attempt, max_it=FIRST_LOOK), roughly=True))
+    if reports[-1].converged:
+        return reports
+    if any([k.pairing.search() for k in contacts]):
+        tell(system.comm, logging.DEBUG, "first look: nodes meet other faces")
+    return [*reports, polish(system, attempt, roughly=True)]
 
 
 def polish(system: ContactSystem, attempt: Attempt, *, roughly: bool = False) -> SubstepReport:

@@ -34,6 +34,7 @@ class Pairing(ABC):
         field: The kinematics as a field, see :mod:`~fenicsx_friction.obstacles.kinematics`.
         kinematics: The same in UFL.
         deformable: Whether the other side is deformable.
+        early: Whether it may be looked for what nodes meet before pressures are known.
         bondable: Whether its nodes may be tied to what they meet.
         tilted: Whether normals are those of faces or averages, a bit off the obstacle's own.
         body: The obstacle as a body that carries loads, if it is one.
@@ -43,7 +44,7 @@ class Pairing(ABC):
     """
 
     deformable = tilted = False
-    bondable = True
+    early = bondable = True
     loaded: int | None = None
     body: RigidBody | None = None
     version = 0

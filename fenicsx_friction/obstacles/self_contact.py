@@ -83,7 +83,7 @@ class SelfContact(Obstacle):
 class OneSurface(NodeToFace):
     """Nodes that meet faces of their own surface."""
 
-    bondable = False
+    early = bondable = False  # pressures decide which places are secondary
     _met = SelfPairs
     _history: SelfPairs
 
