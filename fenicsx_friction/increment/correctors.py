@@ -183,6 +183,9 @@ def _continue(system: ContactSystem, forces: float) -> list[SubstepReport]:
         reports.append(report)
         if report.converged:
             t, dt = t + dt, dt * 2.0
+            for k in system.contacts:
+                if k.pairing.early:  # it may slide over many faces
+                    k.pairing.search()
         else:
             snapshot.restore(system.state, good)
             dt /= 4.0
