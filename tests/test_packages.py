@@ -95,7 +95,8 @@ def test_sdist_and_wheel_hold_the_package_and_nothing_else(built):
     }
     with tarfile.open(next(built.glob("*.gz"))) as sdist:
         found = {Path(*Path(m.name).parts[1:]) for m in sdist.getmembers() if m.isfile()}
-    texts = "README.md LICENSE CHANGELOG.md CITATION.cff MANIFEST.in pyproject.toml".split()
+    texts = ["README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff", "MANIFEST.in"]
+    texts += ["pyproject.toml", "setup.py"]
     made = {p for p in found if p.parts[0].endswith(".egg-info")}
     assert found == sources | made | set(map(Path, [*texts, "PKG-INFO", "setup.cfg"]))
     with zipfile.ZipFile(next(built.glob("*.whl"))) as wheel:
@@ -107,6 +108,22 @@ def test_descriptions_are_accepted(built):
     pytest.importorskip("twine")
     told = run(sys.executable, "-m", "twine", "check", "--strict", *built.iterdir())
     assert told.count("PASSED") == 2
+
+
+def test_links_of_the_description_work_outside_the_repository(built):
+    """Each target is a place in the repository that exists here."""
+    with zipfile.ZipFile(next(built.glob("*.whl"))) as wheel:
+        (metadata,) = (n for n in wheel.namelist() if n.endswith("METADATA"))
+        told = wheel.read(metadata).decode()
+    links = re.findall(r"(!?)\[[^\]]*\]\(([^)]+)\)", told)
+    blob, raw = (f"{PROJECT['urls']['Repository']}/{part}/main/" for part in ("blob", "raw"))
+    assert len(links) > 20 and any(image for image, _ in links)
+    for image, target in links:
+        if not target.startswith("#"):
+            inside = target.removeprefix(raw if image else blob)
+            assert inside != target or not target.startswith(PROJECT["urls"]["Repository"])
+            assert inside == target or (ROOT / inside.partition("#")[0]).exists()
+            assert target.startswith("https://")
 
 
 def test_the_wheel_works_where_it_is_installed(built, tmp_path):
@@ -132,7 +149,7 @@ def test_versions_agree():
     assert citation["version"] == ff.__version__
     newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert newest[1] == ff.__version__
-    assert PROJECT["dynamic"] == ["version"] and "version" not in PROJECT
+    assert PROJECT["dynamic"] == ["version", "readme"] and "version" not in PROJECT
 
 
 def test_addresses_agree():
