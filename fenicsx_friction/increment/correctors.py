@@ -87,13 +87,13 @@ def correct(
     reports = predict(system, eps, attempt.predictor_iterations)
     if attempt.corrector == "ramp":
         reports += _ramp(system, attempt, eps)
-    contacts = system.contacts
-    if not (roughly and all(k.pairing.early for k in contacts)):
+    pairings = [k.pairing for k in system.contacts if k.pairing.early]
+    if not (roughly and pairings):
         return [*reports, polish(system, attempt, roughly=roughly)]
     reports.append(polish(system, replace(attempt, max_it=FIRST_LOOK), roughly=True))
     if reports[-1].converged:
         return reports
-    if any([k.pairing.search() for k in contacts]):
+    if any([pairing.search() for pairing in pairings]):
         tell(system.comm, logging.DEBUG, "first look: nodes meet other faces")
     return [*reports, polish(system, attempt, roughly=True)]
 
@@ -184,8 +184,7 @@ def _continue(system: ContactSystem, forces: float) -> list[SubstepReport]:
         if report.converged:
             t, dt = t + dt, dt * 2.0
             for k in system.contacts:
-                if k.pairing.early:  # it may slide over many faces
-                    k.pairing.search()
+                k.pairing.search()  # it may slide over many faces
         else:
             snapshot.restore(system.state, good)
             dt /= 4.0

@@ -34,7 +34,8 @@ class Pairing(ABC):
         field: The kinematics as a field, see :mod:`~fenicsx_friction.obstacles.kinematics`.
         kinematics: The same in UFL.
         deformable: Whether the other side is deformable.
-        early: Whether it may be looked for what nodes meet before pressures are known.
+        early: Whether it may be looked for what nodes meet before Newton's method has converged:
+            where this leaves no trace in what they meet at the end.
         bondable: Whether its nodes may be tied to what they meet.
         tilted: Whether normals are those of faces or averages, a bit off the obstacle's own.
         body: The obstacle as a body that carries loads, if it is one.
@@ -43,8 +44,8 @@ class Pairing(ABC):
         lost: Owned nodes whose gap is not known at the present displacement, if any.
     """
 
-    deformable = tilted = False
-    early = bondable = True
+    deformable = early = tilted = False
+    bondable = True
     loaded: int | None = None
     body: RigidBody | None = None
     version = 0

@@ -83,7 +83,7 @@ class SelfContact(Obstacle):
 class OneSurface(NodeToFace):
     """Nodes that meet faces of their own surface."""
 
-    early = bondable = False  # pressures decide which places are secondary
+    bondable = False
     _met = SelfPairs
     _history: SelfPairs
 
