@@ -183,6 +183,8 @@ def _settle(system: ContactSystem, attempt: Attempt, *, roughly: bool) -> list[S
     even if nothing has changed.
     """
     reports: list[SubstepReport] = []
+    for k in system.contacts:
+        k.pairing.begin_search()
     for searched in range(MAX_SEARCHES):
         again = roughly and searched == 0
         changed = [k.pairing.search() for k in system.contacts]

@@ -48,6 +48,10 @@ class FacesMet:
         """Tell which nodes were closed."""
         return self._side.nodal(self._side.c)[:, 0] != 0.0
 
+    def begin_search(self) -> None:
+        """Forget which faces were met before those of now."""
+        self._met = [self.pairs.face]
+
     def search(self) -> bool:
         """Look again for the faces at the current displacement; collective."""
         comm, keep = self._side.surface.mesh.comm, self._policy.keep

@@ -47,8 +47,7 @@ class Mortar(Averaged, TwoBodies):
         side: The secondary side.
     """
 
-    early = True
-    behind = DEEP
+    behind, early = DEEP, True
     #: What :meth:`save` keeps: objects that are replaced, never changed.
     _STATE = ("_element", "_seen_at", "_start", "_axis", "version")
 

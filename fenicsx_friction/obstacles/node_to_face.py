@@ -136,6 +136,10 @@ class NodeToFace(TwoBodies):
         self._history.anchor()
         self._inputs_before = None
 
+    def begin_search(self) -> None:
+        """Begin a series of searches."""
+        self._history.begin_search()
+
     def search(self) -> bool:
         """Look again for the faces at the current displacement; collective."""
         changed = self._history.search()

@@ -34,8 +34,7 @@ class Pairing(ABC):
         field: The kinematics as a field, see :mod:`~fenicsx_friction.obstacles.kinematics`.
         kinematics: The same in UFL.
         deformable: Whether the other side is deformable.
-        early: Whether it may be looked for what nodes meet before Newton's method has converged:
-            where this leaves no trace in what they meet at the end.
+        early: Whether what nodes meet does not depend on what they met on the way there.
         bondable: Whether its nodes may be tied to what they meet.
         tilted: Whether normals are those of faces or averages, a bit off the obstacle's own.
         body: The obstacle as a body that carries loads, if it is one.
@@ -229,6 +228,9 @@ class Pairing(ABC):
 
     def anchor(self) -> None:  # noqa: B027 - rigid obstacles need none
         """Begin an increment at ``u_old``; collective."""
+
+    def begin_search(self) -> None:  # noqa: B027 - rigid obstacles need none
+        """Begin a series of searches, in which nodes that go to and fro keep their faces."""
 
     def search(self) -> bool:
         """Look again for what each node meets, after a solve; collective.

@@ -73,6 +73,10 @@ class SurfacePairing(AgainstTool, RigidPairing):
         self._met.anchor()
         self._start()
 
+    def begin_search(self) -> None:
+        """Begin a series of searches."""
+        self._met.begin_search()
+
     def search(self) -> bool:
         """Look again for the faces at the current displacement and motion; collective."""
         changed = self._met.search()

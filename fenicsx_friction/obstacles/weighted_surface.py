@@ -96,6 +96,11 @@ class WeightedSurface(AgainstTool, WeightedPairing):
         self._write()
         super().anchor()
 
+    def begin_search(self) -> None:
+        """Begin a series of searches."""
+        self._met.begin_search()
+        self._met_nodes.begin_search()
+
     def search(self) -> bool:
         """Look again for the faces at the current displacement and motion; collective."""
         changed = self._met.search()
