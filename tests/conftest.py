@@ -40,7 +40,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(trylast=True)  # after the marks have chosen
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave variations out, if asked to."""
+    """Leave out what is for one rank, on several, and variations, if asked to."""
+    if MPI.COMM_WORLD.size > 1:
+        alone = [item for item in items if item.get_closest_marker("serial")]
+        config.hook.pytest_deselected(items=alone)
+        items[:] = [item for item in items if item not in alone]
     most = config.getoption("variations")
     if not most:
         return

@@ -24,7 +24,6 @@ from models import by_place, gathered
 SAME = 1e-12 if MPI.COMM_WORLD.size == 1 else 1e-9
 #: With mpi4py, an exception on one rank ends all.
 PYTHON = (sys.executable, "-m", "mpi4py", Path(__file__).with_name("restart_run.py"))
-serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
 VECTOR = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
 
 
@@ -191,7 +190,7 @@ def run(*command):
     return result.stdout
 
 
-@serial
+@pytest.mark.serial
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
 def test_written_on_n_ranks_read_on_m(tmp_path):
     """N and M of 1 to 3; P1, P2, DG, mixed, quadrature; four cells; coincident bodies."""
@@ -199,7 +198,7 @@ def test_written_on_n_ranks_read_on_m(tmp_path):
     assert output.count("ok") == 5 * 9
 
 
-@serial
+@pytest.mark.serial
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
 @pytest.mark.parametrize("name", RUNS)
 def test_serial_run_resumed_on_two_ranks(name, folder, uninterrupted):
@@ -211,7 +210,7 @@ def test_serial_run_resumed_on_two_ranks(name, folder, uninterrupted):
     assert close(history(problem), states[STEPS], 1e-8)
 
 
-@serial
+@pytest.mark.serial
 @pytest.mark.parametrize(
     ("work", "result"),
     [
@@ -269,7 +268,7 @@ def test_truncated_foreign_and_missing_files_are_refused_on_all_ranks(comm, path
     refused(path, problem, "has format 9, this version of fenicsx_friction reads format 1")
 
 
-@serial
+@pytest.mark.serial
 def test_every_flipped_bit_is_refused(comm, path):
     problem = bare(square(comm, 2), [VECTOR], (1,))
     write_checkpoint(path, problem)

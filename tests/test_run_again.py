@@ -19,7 +19,6 @@ from test_relaxation import LOAD, arch
 
 #: MUMPS on several ranks does not repeat itself, nor does multigrid.
 SAME = 0.0 if MPI.COMM_WORLD.size == 1 else 1e-9
-serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="bits; starts processes of its own")
 KEPT = []  # PETSc's objects must not be freed on one rank earlier than on another
 
 
@@ -208,7 +207,7 @@ def test_paths_follow_each_other_with_one_file(folders):
         assert np.max(abs(u - v)) <= SAME * np.max(abs(u))
 
 
-@serial
+@pytest.mark.serial
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
 def test_begun_on_two_ranks_it_goes_on_on_one(folders):
     cut = folders[1]

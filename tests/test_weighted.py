@@ -211,7 +211,7 @@ def profile(n):
     return np.interp(np.linspace(0.4, 1.6, 2001), x[:, 0], c[:, 0]), report.force[1]
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="large; others compare ranks")
+@pytest.mark.serial  # large; others compare ranks
 def test_pressures_and_force_of_a_line_contact_converge():
     """The profile with 65 and 129 nodes on the surface, against 257."""
     (exact, force), *others = (profile(n) for n in (128, 32, 64))
