@@ -12,7 +12,7 @@ from dolfinx import fem, plot
 import fenicsx_friction as ff
 
 Row = dict[str, float]
-STATES = (("open", "darkgrey"), ("stick", "tab:blue"), ("slip", "tab:red"))
+STATES = tuple(zip(("open", "stick", "slip"), ff.plot.COLOURS, strict=True))
 
 
 def write_table(rows: Sequence[Row], path: Path) -> None:

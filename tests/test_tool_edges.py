@@ -13,7 +13,7 @@ from fenicsx_friction.obstacles.tool_edges import ToolEdges
 from fenicsx_friction.surfaces.faces import Faces
 from rectangles import body
 from test_rigid_surface import forces, pressed, way
-from tools import box
+from tools import box, polygon
 
 
 def roof(parts, slope=1.0):
@@ -40,18 +40,12 @@ def test_a_ridge_of_long_triangles_between_the_nodes_is_refused(kind, parts):
             model.problem.solve()
 
 
-def poly(*points):
-    """A closed polygon, in turn against the clock."""
-    n = np.arange(len(points))
-    return np.array(points), np.column_stack([n, (n + 1) % len(points)])
-
-
 def dip(touch, name):
     """Lower a block on a wedge whose tip is between nodes, till one touches a flank by ``touch``.
 
     Returns the force there; the tip is 0.3 of a face deep.
     """
-    wedge = ff.RigidSurface(*poly((0.03, 0.0), (-0.97, -1.0), (1.03, -1.0)))
+    wedge = ff.RigidSurface(*polygon([(0.03, 0.0), (-0.97, -1.0), (1.03, -1.0)]))
     make = lambda msh, on: [ff.Contact(on[1], wedge, ff.Coulomb(0.3))]  # noqa: E731
     low, high = (-0.5, 0.0), (0.5, 0.5)
     model = body(make, name, low=low, high=high, n=[10, 5], simplices=True)
@@ -72,7 +66,7 @@ def test_a_node_that_only_touches_a_flank_does_not_hold_the_tip(touch, monkeypat
 
 def pulled_down(n, name):
     """A stretched belt, 0.4 of a face thick if n = 80, is pulled down over a roof by its ends."""
-    roof = ff.RigidSurface(*poly((0.0, 0.0), (-2.75, -1.0), (2.75, -1.0)))
+    roof = ff.RigidSurface(*polygon([(0.0, 0.0), (-2.75, -1.0), (2.75, -1.0)]))
     make = lambda msh, on: [ff.Contact(on[1], roof, ff.Frictionless())]  # noqa: E731
     ends = lambda x: np.isclose(abs(x[0]), 0.5)  # noqa: E731
     belt = body(make, name, low=(-0.5, 0.001), high=(0.5, 0.006), n=[n, 4], held=ends)
@@ -184,7 +178,7 @@ def test_without_keeping_they_do_not(monkeypatch):
 def over_the_step(name):
     """A block of the plane is put over the edge of a step, and drawn off it to the floor beside."""
     corners = [(-0.52, 0.04), (-3.0, 0.04), (-3.0, -1.0), (2.0, -1.0), (2.0, 0.0), (-0.52, 0.0)]
-    stair = ff.RigidSurface(corners, [(i, (i + 1) % 6) for i in range(6)])
+    stair = ff.RigidSurface(*polygon(corners))
     model = pressed(stair, name, 2, mu=0.0, n=[10, 5], simplices=True)
     down = [(-0.1, z) for z in (0.06, 0.02, 0.0, -0.02)]
     for x, z in [*down, *((x, -0.02) for x in (-0.05, -0.02, 0.01, 0.02))]:

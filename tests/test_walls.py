@@ -8,7 +8,7 @@ import fenicsx_friction as ff
 from fenicsx_friction.obstacles.surface_pairing import SurfacePairing
 from fenicsx_friction.obstacles.weighted_surface import WeightedSurface
 from rectangles import body
-from tools import box
+from tools import box, polygon
 
 BLOCK = {"low": (-0.5, 0.0), "high": (0.5, 0.5), "simplices": True}
 PATH = [(0.0, -0.02), (-0.01, -0.02), (-0.02, -0.02)]
@@ -19,9 +19,8 @@ def stairs(height, place=-0.52, side=1.0, lean=0.0):
     """A floor with a wall of some height at the left of the block, or its mirror image."""
     top = (place + lean, height)
     corners = [(2.0, 0.0), (place, 0.0), top, (-3.0, height), (-3.0, -1.0), (2.0, -1.0)]
-    points = np.array(corners) * [side, 1.0]
-    segments = [(i, (i + 1) % 6) for i in range(6)]
-    return ff.RigidSurface(points, segments if side > 0.0 else [s[::-1] for s in segments])
+    points, segments = polygon(np.array(corners) * [side, 1.0])
+    return ff.RigidSurface(points, segments if side > 0.0 else segments[:, ::-1])
 
 
 def sliding(tags, obstacles, name, n, degree=1, mu=0.0):
@@ -128,7 +127,7 @@ def test_a_plug_slides_down_a_slot_that_it_touches(clearance):
     low, wide = -0.5 - clearance, 0.5 + clearance
     corners = [(wide, 0.8), (wide, 0.0), (low, 0.0), (low, 0.8), (-0.9, 0.8), (-0.9, -1.0)]
     corners += [(0.9, -1.0), (0.9, 0.8)]
-    slot = ff.RigidSurface(corners, [(i, (i + 1) % 8) for i in range(8)])
+    slot = ff.RigidSurface(*polygon(corners))
     model = sliding([5], [slot], "plug_", 10, mu=0.3)
     report = slide(model, [(0.0, z) for z in (0.43, 0.38, 0.33)])
     assert np.max(abs(np.array(report.contacts[0].force))) < 1e-9
@@ -137,7 +136,7 @@ def test_a_plug_slides_down_a_slot_that_it_touches(clearance):
 def test_a_node_slides_over_a_corner_down_the_flank():
     """It starts on the corner itself, and presses on the flank with friction then."""
     corners = [(0.2, 0.0), (-0.2, 0.0), (-0.8, -0.6), (0.8, -0.6)]
-    tool = ff.RigidSurface(corners, [(i, (i + 1) % 4) for i in range(4)])
+    tool = ff.RigidSurface(*polygon(corners))
     model = sliding([1], [tool], "flank_", 10, mu=0.3)
     slide(model, [(0.0, -0.01), (0.0, -0.03), (0.03, -0.03), (0.035, -0.03)])
     x = model.contact.surface.x[:, 0]

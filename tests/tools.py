@@ -23,13 +23,18 @@ def uneven_plane(d, *, half=1.5, number=9, seed=0):
     return np.column_stack([flat, 0.0 * x]), faces
 
 
+def polygon(corners):
+    """Return a closed polygon, outwards if its corners go against the clock."""
+    order = np.arange(len(corners))
+    return np.asarray(corners), np.column_stack([order, (order + 1) % len(corners)])
+
+
 def ball(d, number, radius=1.0, center=0.0):
     """Return a sphere of some ``number`` of points (a circle of so many segments), outwards."""
     if d == 2:
         angle = 2.0 * np.pi * (np.arange(number) + 0.37) / number
         points = np.column_stack([np.cos(angle), np.sin(angle)])
-        order = np.arange(number)
-        return center + radius * points, np.column_stack([order, (order + 1) % number])
+        return polygon(center + radius * points)
     k = np.arange(number) + 0.5
     polar, around = np.arccos(1.0 - 2.0 * k / number), np.pi * (1.0 + 5.0**0.5) * k
     points = np.column_stack(

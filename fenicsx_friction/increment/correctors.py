@@ -88,14 +88,13 @@ def correct(
     if attempt.corrector == "ramp":
         reports += _ramp(system, attempt, eps)
     pairings = [k.pairing for k in system.contacts if k.pairing.early]
-    if not (roughly and pairings):
-        return [*reports, polish(system, attempt, roughly=roughly)]
-    reports.append(polish(system, replace(attempt, max_it=FIRST_LOOK), roughly=True))
-    if reports[-1].converged:
-        return reports
-    if any([pairing.search() for pairing in pairings]):
-        tell(system.comm, logging.DEBUG, "first look: nodes meet other faces")
-    return [*reports, polish(system, attempt, roughly=True)]
+    if roughly and pairings:
+        reports.append(polish(system, replace(attempt, max_it=FIRST_LOOK), roughly=True))
+        if reports[-1].converged:
+            return reports
+        if any([pairing.search() for pairing in pairings]):
+            tell(system.comm, logging.DEBUG, "first look: nodes meet other faces")
+    return [*reports, polish(system, attempt, roughly=roughly)]
 
 
 def polish(system: ContactSystem, attempt: Attempt, *, roughly: bool = False) -> SubstepReport:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -136,11 +135,9 @@ class AgainstFaces(Pairing):
         held = closed[node]
         met = beside(self.faces, node[held], other[held], len(closed))
         nodes, faces = self._trails()
-        own = self._secondary.own
-        motion = faces.seen_by(nodes, own, self.behind, self._doubt)
         of_node = self._deepest_nodes(self._pressed(closed))
-        of_face = HELD_DEPTH * self.faces.sizes + self._doubt
-        motion = replace(motion, held_depths=(of_face, of_node))
+        deep = HELD_DEPTH * self.faces.sizes + self._doubt, of_node
+        motion = faces.seen_by(nodes, self._secondary.own, self.behind, self._doubt, deep)
         return self._find_crossed(motion, self.started(), met) >= 0
 
     def _find_crossed(
@@ -155,7 +152,7 @@ class AgainstFaces(Pairing):
         Tractions tell how far they press a massive body in; thin ones are bent by far less.
         """
         body, own = self._secondary, self._secondary.own
-        bent = abs(body.folds(body.positions(self.side.u)) - body.folds(body.X))[own]
+        bent = abs(body.folds(body.positions(self.side.u)) - body.folds_at_rest)[own]
         bent *= BENT * body.node_sizes()[own]
         deep = np.maximum(SHARPER * self.side.pressed_in(), bent)
         return np.asarray(body.gather(np.where(closed, deep, 0.0)))

@@ -23,6 +23,9 @@ from .crossing_events import LEAVE, Events, ends_behind, find_events
 from .search import flat
 from .ways import Indices, Mask, Way, simplices
 
+#: From where on a node is behind a face (m): of each face, of each node. The smaller one counts.
+Depths = tuple[Array, Array]
+
 #: A node is behind a face from this fraction of the smaller face on, plus what the face is warped.
 DEPTH = 1e-3
 #: The same for faces that hold the node, and those beside them.
@@ -61,7 +64,9 @@ class Trail:
             x, y = x + offset[:, None] * n, y + offset[:, None] * m
         return cls(surface, (x, y), (n, m))
 
-    def seen_by(self, nodes: Trail, own: slice, part: float | Array, doubt: float) -> Motion:
+    def seen_by(
+        self, nodes: Trail, own: slice, part: float | Array, doubt: float, held_depths: Depths
+    ) -> Motion:
         """Return how some nodes move before the faces of this surface.
 
         Args:
@@ -70,6 +75,7 @@ class Trail:
             part: From which part of the smaller face on a node is behind a face, for all nodes or
                 for each.
             doubt: How far (m) a node may be behind besides.
+            held_depths: See :class:`Motion`.
         """
         sizes = self.surface.sizes, nodes.surface.node_sizes()[own]
         return Motion(
@@ -77,7 +83,7 @@ class Trail:
             x=(nodes.x[0][own], nodes.x[1][own]),
             directions=(nodes.normals[0][own], nodes.normals[1][own]),
             depths=(float(np.max(part, initial=0.0)) * sizes[0] + doubt, part * sizes[1] + doubt),
-            held_depths=(HELD_DEPTH * sizes[0] + doubt, HELD_DEPTH * sizes[1] + doubt),
+            held_depths=held_depths,
         )
 
 
@@ -89,8 +95,7 @@ class Motion:
         face_x: Nodes of the faces (m).
         x: Nodes that meet them (m).
         directions: Their averaged normals.
-        depths: From where on a node is behind a face (m): of each face, of each node. The smaller
-            one counts.
+        depths: From where on a node is behind a face.
         held_depths: The same for faces that hold the node; as for others by default.
         aslant: Cosine of the normals up to which nodes enter faces.
         at_rest: The faces do not move, and who passes beside them has not entered them.
@@ -99,8 +104,8 @@ class Motion:
     face_x: tuple[Array, Array]
     x: tuple[Array, Array]
     directions: tuple[Array, Array]
-    depths: tuple[Array, Array]
-    held_depths: tuple[Array, Array] | None = None
+    depths: Depths
+    held_depths: Depths | None = None
     aslant: float = 0.0
     at_rest: bool = False
 

@@ -58,8 +58,8 @@ def cast(
                 moved *= 0.0  # one step is exact
             # Steps fall with their squares: the next one is known from two.
             done = (moved < TOLERANCE) | (moved**3 < (before[rows] * TOLERANCE) ** 2)
-            failed[rows], before[rows] = ~done, moved
-            left = left[np.isfinite(moved) & ~done]
+            failed[rows], before[rows] = ~done, np.minimum(moved, 1.0)  # as far as it went
+            left = left[~(np.isnan(moved) | done)]
             if not len(left):
                 break
     place[failed] = np.nan

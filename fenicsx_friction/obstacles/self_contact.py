@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from mpi4py import MPI
 
@@ -114,11 +114,11 @@ class OneSurface(NodeToFace):
         primary = self._history.faces_something & ~self.pairs.paired
         part = np.where(primary, DEEP, DEPTH)
         nodes, faces = self._trails()
-        motion = faces.seen_by(nodes, own, part, self._doubt)
         pressed = self._pressed(closed)
         np.maximum.at(pressed, pairs[:, 1], pressed[pairs[:, 0]])  # what is met is pressed in, too
         of_face = self._deepest(pressed, self.faces.faces, self.faces.sizes)
-        motion = replace(motion, held_depths=(of_face, self._deepest_nodes(pressed)))
+        deep = of_face, self._deepest_nodes(pressed)
+        motion = faces.seen_by(nodes, own, part, self._doubt, deep)
         return np.asarray(find_crossed(self.faces, motion, self.started(), met) >= 0)
 
     def pierced(self, closed: Mask) -> Mask:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -114,11 +113,10 @@ class TwoBodies(AgainstFaces):
         here = (i >= mine.start) & (i < mine.stop)
         met = beside(self._secondary, i[here] - mine.start, j[here], mine.stop - mine.start)
         faces, nodes = self._trails()
-        motion = faces.seen_by(nodes, mine, DEEP, self._doubt)
         body = self._secondary
         of_face = self._deepest(self._pressed(closed), body.faces, body.sizes)
-        of_node = HELD_DEPTH * self.faces.node_sizes()[mine] + self._doubt
-        motion = replace(motion, held_depths=(of_face, of_node))
+        deep = of_face, HELD_DEPTH * self.faces.node_sizes()[mine] + self._doubt
+        motion = faces.seen_by(nodes, mine, DEEP, self._doubt, deep)
         started = self._faces_at_start(self._secondary, self.faces)
         entered = find_crossed(self._secondary, motion, started, met)
         entered = np.concatenate(self.primary.mesh.comm.allgather(entered[entered >= 0]))

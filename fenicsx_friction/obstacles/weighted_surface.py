@@ -131,16 +131,16 @@ class WeightedSurface(AgainstTool, WeightedPairing):
 
     def crossed(self, closed: Mask) -> Mask:
         """Tell which nodes have points that went through faces in the step; collective."""
-        result = np.zeros(len(closed), dtype=bool)
+        result, pressed = np.zeros(len(closed), dtype=bool), self._pressed(closed)
         for met, sites in self._both():
-            result |= self._crossed(met, sites, closed)
+            result |= self._crossed(met, sites, pressed)
         return result
 
     def _both(self) -> tuple[tuple[PointsMet, FacePoints], ...]:
         """Return the points of the averages and the nodes of the faces, with what they meet."""
         return (self._met, self.points), (self._met_nodes, self._nodes)
 
-    def _crossed(self, met: PointsMet, sites: FacePoints, closed: Mask) -> Mask:
+    def _crossed(self, met: PointsMet, sites: FacePoints, pressed: Array) -> Mask:
         """Tell which nodes have such points; collective."""
         node, ends = sites.node_of_point, (self.side.u_old, self.side.u)
         # However fine the tool, the body meets it as its own faces can.
@@ -155,28 +155,29 @@ class WeightedSurface(AgainstTool, WeightedPairing):
         face = self._find_crossed(motion, met.start.face)
         # A point little below its own face may be far behind a side of the tool, but not behind a
         # wall that rises from this face.
-        shallow = met.depths(self.offset[node]) <= self._too_deep(sites, closed)
+        shallow = met.depths(self.offset[node]) <= self._too_deep(sites, pressed)
         middle = self.faces.X[self.faces.faces[face]].mean(axis=1)
         top = met.pairs.paired & (self._tool.distances(met.pairs, middle) < 0.0)
-        return np.bincount(node, (face >= 0) & ~(shallow & top), minlength=len(closed)) > 0.0
+        through = (face >= 0) & ~(shallow & top)
+        return np.bincount(node, through, minlength=self.side.surface.num_owned) > 0.0
 
     def missed(self, closed: Mask) -> Mask:
         """Tell which open nodes have faces that the tool enters deeply; collective."""
-        result = np.zeros(len(closed), dtype=bool)
+        result, pressed = np.zeros(len(closed), dtype=bool), self._pressed(closed)
         for depths, sites in zip(self._depths(), (self.points, self._nodes), strict=True):
-            deep = depths > self._too_deep(sites, closed)
+            deep = depths > self._too_deep(sites, pressed)
             result |= np.bincount(sites.node_of_point, deep, minlength=len(closed)) > 0.0
         return result & ~closed
 
-    def _too_deep(self, sites: FacePoints, closed: Mask) -> Array:
-        """Return from which depth on points are too deep in the tool (m); collective.
+    def _too_deep(self, sites: FacePoints, pressed: Array) -> Array:
+        """Return from which depth on points are too deep in the tool (m).
 
         Faces at contact are before the tool on average only.
         """
         sizes = self._secondary.node_sizes()[self._secondary.own]
         number = len(sites.x) // max(len(sites.around), 1)
         around = np.repeat(sites.around, number, axis=0)
-        return self._deepest(self._pressed(closed), around, sizes[sites.node_of_point])
+        return self._deepest(pressed, around, sizes[sites.node_of_point])
 
     def _places(self) -> Iterator[tuple[Array, Array, Indices, Array]]:
         """Yield the points of the averages, and the nodes of the faces."""

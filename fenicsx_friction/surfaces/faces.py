@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -53,6 +54,11 @@ class Faces:
         number = np.bincount(self.faces.ravel(), minlength=len(x))
         mean = np.linalg.norm(self._summed_normals(x), axis=1) / np.maximum(number, 1)
         return np.asarray(2.0 * np.arccos(np.minimum(mean, 1.0)))
+
+    @cached_property
+    def folds_at_rest(self) -> Array:
+        """The same at the reference coordinates."""
+        return self.folds(self.X)
 
     def _summed_normals(self, x: Array) -> Array:
         """Return the sums of the unit normals of the faces round the nodes."""
