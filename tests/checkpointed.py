@@ -86,6 +86,7 @@ def bare(msh, unknowns, surfaces=(), motions=()):
         comm=msh.comm,
         u=functions[0],
         unknowns=functions,
+        rates=[fem.Function(f.function_space) for f in functions],
         u_old=fem.Function(functions[0].function_space),
         contacts=contacts,
         bodies=[],

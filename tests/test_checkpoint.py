@@ -264,8 +264,8 @@ def test_truncated_foreign_and_missing_files_are_refused_on_all_ranks(comm, path
         refused(path, problem, "is no checkpoint of fenicsx_friction")
     store(good + b"0")
     refused(path, problem, "damaged|truncated")
-    store(good.replace(b"checkpoint 1\n", b"checkpoint 9\n", 1))
-    refused(path, problem, "has format 9, this version of fenicsx_friction reads format 1")
+    store(good.replace(b"checkpoint 2\n", b"checkpoint 9\n", 1))
+    refused(path, problem, "has format 9, this version of fenicsx_friction reads format 2")
 
 
 @pytest.mark.serial

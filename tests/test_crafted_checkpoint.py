@@ -61,7 +61,7 @@ def change(path, work):
     with h5py.File(content, "r+") as h5:
         work(h5)
     rest = content.getvalue()[512:]
-    text = f"fenicsx_friction checkpoint 1\nbytes {512 + len(rest)}\n"
+    text = f"fenicsx_friction checkpoint 2\nbytes {512 + len(rest)}\n"
     text += f"sha256 {hashlib.sha256(rest).hexdigest()}\n"
     path.write_bytes(text.encode().ljust(512, b"\n") + rest)
 

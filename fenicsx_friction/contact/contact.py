@@ -34,6 +34,7 @@ class Contact:
     Attributes:
         c: Multipliers ``(c_n, c_1[, c_2])``, tractions on the body in the contact frame (Pa).
         path: Length slid in contact up to the last accepted step (m).
+        c_rate: Change of ``c`` in the last accepted step over its length (Pa/s).
         c_stick: Multipliers of the stick predictor, frozen for the slip corrector (Pa).
         r_p: As given.
         r: The scale ``r_p`` at each node (Pa/m), of the rows that are solved.
@@ -69,15 +70,15 @@ class Contact:
         self.surface, self.obstacle, self.friction, self.r_p = surface, obstacle, friction, r_p
         Q, S = surface.Q, surface.S
         self.c = fem.Function(Q, name="contact_traction")
-        self.c_stick = fem.Function(Q, name="stick_traction")
-        self.free = fem.Function(Q, name="free_directions")
+        vectors = ("contact_traction_rate", "stick_traction", "free_directions", "tangent_hint")
+        self.c_rate, self.c_stick, self.free, self.hint = (fem.Function(Q, name=n) for n in vectors)
         self.free.x.array[:] = 1.0
-        self.hint = fem.Function(Q, name="tangent_hint")
         self.path = fem.Function(S, name="slip_path")
         self.r = fem.Function(S, name="r_p")
-        names = ("scale", "felt", "slipping", "bonded")
-        self.scale, self.felt, self.slipping, self.bonded = (fem.Function(S, name=n) for n in names)
-        self.slip_scale = fem.Function(S, name="slip_scale")
+        names = ("scale", "felt", "slipping", "bonded", "slip_scale")
+        self.scale, self.felt, self.slipping, self.bonded, self.slip_scale = (
+            fem.Function(S, name=n) for n in names
+        )
         self.slip_scale.x.array[:] = 1.0
         self.accepted: NodalState | None = None
         self._bound = False

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..problem import FrictionalContactProblem
 
 #: Functions of a contact that are history; the others are made again or belong to one step.
-CONTACT_HISTORY = ("c", "path", "hint", "bonded")
+CONTACT_HISTORY = ("c", "c_rate", "path", "hint", "bonded")
 #: Name of ``Contact.slip_increment`` beside the fields of a ``NodalState``.
 SLIP_INCREMENT = "slip_increment"
 #: Nodal values with one column, with one for each tangent, and with one for each direction.
@@ -83,6 +83,8 @@ class Content:
 
         self.functions = {name: (orders[name], f) for name, f in named.items()}
         self.functions["u_old"] = (orders["unknown 0"], problem.u_old)
+        for k in range(len(unknowns)):
+            self.functions[f"rate {k}"] = (orders[f"unknown {k}"], problem.rates[k])
         for k, contact in enumerate(problem.contacts):
             for name in CONTACT_HISTORY:
                 entry = (self._surfaces[k], getattr(contact, name))

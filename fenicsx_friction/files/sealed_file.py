@@ -16,7 +16,7 @@ from ..base.atomic_file import read_regular, replace_file
 from ..base.errors import CheckpointError
 
 #: First words of the file, version of its layout, bytes before the HDF5 part (its "user block").
-FORMAT, VERSION, HEADER = "fenicsx_friction checkpoint", 1, 512
+FORMAT, VERSION, HEADER = "fenicsx_friction checkpoint", 2, 512
 
 
 @contextlib.contextmanager

@@ -17,6 +17,7 @@ from . import others, snapshot
 from .background import background
 from .correctors import CONDENSED_FALLBACKS, FALLBACKS, Attempt
 from .diagnosis import explain, explain_not_finite
+from .extrapolation import commit_rates
 from .predictor import contact_forces, soft_forces
 from .report import StepReport
 from .system import ContactSystem
@@ -56,6 +57,7 @@ def _advance(system: ContactSystem) -> StepReport:
         if report.certificate.solved:
             report = others.choose(trials, way, report)
             check_metrics(system.contacts)  # they may depend on the slip
+            commit_rates(system, trials.start)
             system.commit()
             if not way.condensed and way.attempt is not None:
                 system.solvers.keep(way.linear_solver)

@@ -23,9 +23,8 @@ SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
 SMALLEST_CONTINUATION = 1e-4
 #: Smallest part of the friction that is added in one stage.
 SMALLEST_REDUCTION = 1e-3
-#: Tolerance of a solve after which nodes look for their faces, to be solved again; and iterations
-#: after which they look for the first time: by then it is known about where they are.
-ROUGH_TOLERANCE, FIRST_LOOK = 1e-6, 3
+#: Tolerance of a solve after which nodes look for their faces, to be solved again.
+ROUGH_TOLERANCE = 1e-6
 #: After a stage with at most this many iterations, ``xi`` falls faster.
 EASY_STAGE = 1
 
@@ -40,6 +39,8 @@ class Attempt:
         r_factor: Multiplies ``r_p``.
         max_it: Newton iterations of the corrector, those of the options by default.
         predictor_iterations: Newton iterations of the predictor, those of the settings by default.
+        first_look: Iterations after which nodes look for their faces for the first time, where it
+            does not matter on which way they get there: by then it is known about where they are.
     """
 
     corrector: str
@@ -47,6 +48,7 @@ class Attempt:
     r_factor: float = 1.0
     max_it: int | None = None
     predictor_iterations: int | None = None
+    first_look: int = 3
 
 
 #: Tried in turn after full Newton steps have failed; for steep loads and high friction.
@@ -89,7 +91,7 @@ def correct(
         reports += _ramp(system, attempt, eps)
     pairings = [k.pairing for k in system.contacts if k.pairing.early]
     if roughly and pairings:
-        reports.append(polish(system, replace(attempt, max_it=FIRST_LOOK), roughly=True))
+        reports.append(polish(system, replace(attempt, max_it=attempt.first_look), roughly=True))
         if reports[-1].converged:
             return reports
         if any([pairing.search() for pairing in pairings]):

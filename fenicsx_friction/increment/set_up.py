@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """What is made once, before the first step: stiffness, contacts, further equations."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -22,6 +23,7 @@ from ..equations.further_equation import FurtherEquation
 from ..equations.numbering import contact_dofs
 from ..equations.patches import felt_stiffness
 from ..obstacles.motion import Motion
+from ..obstacles.rigid_body import RigidBody
 
 
 def stiffness_of(
@@ -80,6 +82,28 @@ def set_up_contacts(
     held = constrained(stiffness.function_space, bcs)
     for k in contacts:
         k.hold(held)
+
+
+@contextmanager
+def unbound_on_error(contacts: Sequence[Contact]) -> Iterator[None]:
+    """Leave the contacts as they were if what is inside fails, so that they can be used again."""
+    kept = [(k, dict(vars(k))) for k in contacts]
+    try:
+        yield
+    except BaseException:
+        for part, attributes in kept:
+            vars(part).clear()
+            vars(part).update(attributes)
+        raise
+
+
+def rates_of(
+    unknowns: Sequence[fem.Function], bodies: Sequence[RigidBody], contacts: Sequence[Contact]
+) -> list[fem.Function]:
+    """Return what keeps the rates of change of unknowns, motions and multipliers, zero at first."""
+    given = unknowns[: len(unknowns) - len(bodies)]
+    rates = [fem.Function(f.function_space, name=f"{f.name}_rate") for f in given]
+    return [*rates, *(body.q_rate for body in bodies), *(k.c_rate for k in contacts)]
 
 
 def claim_motions(contacts: Sequence[Contact], problem: object) -> list[Motion]:

@@ -26,10 +26,10 @@ def restore(functions: Sequence[fem.Function], snapshot: Snapshot) -> None:
 class ProblemSnapshot:
     """All that ``solve()`` changes, committed history included.
 
-    These are the unknowns, ``u_old``, everything a contact owns (multipliers, slip path, frames,
-    slip increment), the positions of moving obstacles now and at the last accepted step, the pairs
-    of deformable ones, ``dt``, ``accepted`` and ``num_steps``. It leaves out loads and boundary
-    values: the user sets them.
+    These are the unknowns, their rates, ``u_old``, everything a contact owns (multipliers, slip
+    path, frames, slip increment), the positions of moving obstacles now and at the last accepted
+    step, the pairs of deformable ones, ``dt``, ``accepted`` and ``num_steps``. It leaves out loads
+    and boundary values: the user sets them.
 
     Args:
         problem: The problem.
@@ -42,7 +42,7 @@ class ProblemSnapshot:
         owned = [value for _, kept in self._contacts for value in kept.values()]
         functions = {
             id(f): f
-            for f in [*problem.state, problem.u_old, *owned, *history]
+            for f in [*problem.state, *problem.rates, problem.u_old, *owned, *history]
             if isinstance(f, fem.Function)
         }
         self._functions = list(functions.values())

@@ -29,8 +29,8 @@ from ..solvers.options import SolverOptions
 from ..solvers.report import SubstepReport
 from ..solvers.substep import Substep, substeps
 from ..surfaces.measures import share_facet_data
+from . import set_up
 from .report import ContactReport
-from .set_up import claim_motions, further_equations, set_up_contacts, stiffness_of
 from .settings import StepSettings, settings_of
 from .totals import total
 
@@ -52,6 +52,7 @@ class ContactSystem:
         contacts: The contacts; ``contact.c`` are the multipliers.
         bodies: The rigid bodies that carry loads; their motions are the last of ``unknowns``.
         dt: Length of the step (s), a Constant; only laws with rates need it.
+        rates: Changes of unknowns and multipliers in the last accepted step, over its length.
         num_steps: Number of accepted steps.
         monitor: Called with each :class:`~fenicsx_friction.SubstepReport`, or ``None``.
         terms: How contact enters the equations.
@@ -85,15 +86,9 @@ class ContactSystem:
         self._xi, self._eps = (fem.Constant(V.mesh, default_scalar_type(0.0)) for _ in range(2))
         self._ramp_sign = fem.Constant(V.mesh, default_scalar_type(self.settings.ramp_sign))
         self.dt = fem.Constant(V.mesh, default_scalar_type(1.0))
-        kept = [(k, dict(vars(k))) for k in self.contacts]
-        try:
+        with set_up.unbound_on_error(self.contacts):
             self._set_up(blocks, options, entity_maps)
-            self._motions = claim_motions(self.contacts, self)
-        except BaseException:
-            for part, attributes in kept:
-                vars(part).clear()
-                vars(part).update(attributes)
-            raise
+            self._motions = set_up.claim_motions(self.contacts, self)
 
     def _set_up(
         self,
@@ -107,14 +102,15 @@ class ContactSystem:
         blocks = [lifted_form(f) for f in share_facet_data(blocks)]
         blocks += [body.residual() for body in self.bodies]
         self.bulk = blocks[0]
-        stiffness, tangent = stiffness_of(self.bulk, self.u, self._entity_maps)
+        stiffness, tangent = set_up.stiffness_of(self.bulk, self.u, self._entity_maps)
         given = (self.dt, self.settings.normal, self.bcs, stiffness, tangent)
-        set_up_contacts(self.contacts, (self.u, self.u_old), *given)
+        set_up.set_up_contacts(self.contacts, (self.u, self.u_old), *given)
         self._bulk_form, *self._other_forms = (
             compiled(fem.form, self.comm)(f, entity_maps=self._entity_maps) for f in blocks
         )
         self.constrained_dofs = constrained_dofs(V, self.bcs)
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
+        self.rates = set_up.rates_of(self.unknowns, self.bodies, self.contacts)
         self.terms = ContactTerms(self.contacts, self.state, self.bcs)
         diagonal = stiffness.x.array[: num_owned(stiffness)].copy()
         arguments = (self.unknowns, self.bcs, stiffness, self._entity_maps, self.contacts)
@@ -123,7 +119,7 @@ class ContactSystem:
             self.contacts,
             self.bcs,
             diagonal,
-            further_equations(blocks[1:], *arguments),
+            set_up.further_equations(blocks[1:], *arguments),
             self.terms,
             weakly(self, lambda there: there.assemble_momentum()),
             weakly(self, lambda there: [there.assemble_momentum(), *there.assemble_others()]),

@@ -16,6 +16,7 @@ from ..solvers.report import SubstepReport
 from . import snapshot
 from .correctors import Attempt, correct, newton_tolerance, polish
 from .crossed import crossed_nodes
+from .extrapolation import extrapolate
 from .rebalance import NOT_BALANCED, rebalance
 from .report import StepReport
 from .system import ContactSystem
@@ -74,10 +75,15 @@ class Trials:
     """
 
     def __init__(self, system: ContactSystem, changed: Sequence[fem.Function]) -> None:
-        self.system, self._changed, self._start = system, changed, snapshot.save(changed)
+        self.system, self._changed, self._kept = system, changed, snapshot.save(changed)
         self.substeps: list[SubstepReport] = []
         self.tried: list[tuple[Attempt, bool]] = []
         self._made, self._set_ups = system.solvers.factorisations, system.solvers.full.set_ups
+
+    @property
+    def start(self) -> snapshot.Snapshot:
+        """The unknowns and multipliers at the start of the step."""
+        return self._kept[: len(self.system.state)]
 
     @property
     def factorisations(self) -> int:
@@ -92,7 +98,7 @@ class Trials:
     def restore(self) -> None:
         """Put the start back, and the exact rows."""
         self.system.set_smoothing(xi=0.0, eps=0.0)
-        snapshot.restore(self._changed, self._start)
+        snapshot.restore(self._changed, self._kept)
 
     def make(self, way: Way) -> Outcome | None:
         """Solve in one way and certify; ``None`` if the start is not its own solution."""
@@ -109,8 +115,9 @@ class Trials:
             system.solvers.full.take_linear_solver(way.linear_solver)
         with system.solvers.use(condensed=way.condensed):
             if attempt is not None:
+                first = not self.tried
                 self.tried.append((attempt, way.condensed))
-                found = _solve(system, attempt, way)
+                found = _solve(system, _begun(system, attempt, way) if first else attempt, way)
                 self.substeps += found
                 converged = found[-1].converged
                 if way.condensed and not converged and found[-1].reason != NOT_BALANCED:
@@ -141,6 +148,13 @@ class Trials:
             bodies=totals_of_bodies(system.bodies, system.contacts, contacts),
         )
         return report, crossed
+
+
+def _begun(system: ContactSystem, attempt: Attempt, way: Way) -> Attempt:
+    """Start where the last step points to, if that is nearer; then stick need not be predicted."""
+    if way.condensed or attempt.corrector != "projection" or not extrapolate(system):
+        return attempt
+    return replace(attempt, predictor_iterations=0, first_look=1)
 
 
 def _close(system: ContactSystem, *, again: bool) -> None:
@@ -186,13 +200,14 @@ def _settle(system: ContactSystem, attempt: Attempt, *, roughly: bool) -> list[S
     for k in system.contacts:
         k.pairing.begin_search()
     for searched in range(MAX_SEARCHES):
-        again = roughly and searched == 0
-        changed = [k.pairing.search() for k in system.contacts]
-        if not (any(changed) or again) or searched == MAX_SEARCHES - 1:
+        again = roughly
+        changed = any([k.pairing.search() for k in system.contacts])
+        if not (changed or again) or searched == MAX_SEARCHES - 1:
             break
-        if any(changed):
+        if changed:
             tell(system.comm, logging.DEBUG, "search %d: nodes meet other faces", searched + 1)
-        reports.append(polish(system, attempt))
+        roughly = again and changed and searched == 0
+        reports.append(polish(system, attempt, roughly=roughly))
         if reports[-1].converged:
             reports += rebalance(system, attempt)
         if not reports[-1].converged or (reports[-1].iterations == 0 and not again):

@@ -51,6 +51,7 @@ class RigidBody(Motion):
 
     Attributes:
         q: The unknown motion: translation (m), and rotation (rad).
+        q_rate: Change of ``q`` in the last accepted step over its length (m/s, rad/s).
         force: Force at the center (N; per unit depth in 2D), which moves with the body: a Constant.
         moment: Moment about the center (N m): a Constant, one component in 2D.
         given: Translation (m) and rotation (rad) of components that are not free: a Constant.
@@ -74,6 +75,7 @@ class RigidBody(Motion):
         n = len(self.names)
         element = basix.ufl.real_element(msh.basix_cell(), (n,))
         self.q = fem.Function(fem.functionspace(msh, element), name=name)
+        self.q_rate = fem.Function(self.q.function_space, name=f"{name}_rate")
         self.translation = ufl.as_vector([self.q[i] for i in range(d)])
         self.force = fem.Constant(msh, np.zeros(d))
         self.moment = fem.Constant(msh, np.zeros(n - d))
@@ -238,12 +240,11 @@ class RigidBody(Motion):
         if len(self.center) == 2:
             self._old_angle.value = self.q.x.array[2]
             return
-        matrix = as_rotation(np.eye(3) + self.turned_by()).as_matrix()
-        self._old_turned.value = matrix - np.eye(3)
+        self._old_turned.value = as_rotation(np.eye(3) + self.turned_by()).as_matrix() - np.eye(3)
         self.q.x.array[3:] = 0.0  # the next step's
 
     @property
     def _values(self) -> Sequence[Array]:
         """All that describes the position."""
         constants = (self._old_translation, self._old_angle, self._old_turned, self._mask)
-        return [self.q.x.array, *(constant.value for constant in constants)]
+        return [self.q.x.array, self.q_rate.x.array, *(constant.value for constant in constants)]
