@@ -17,6 +17,9 @@ class StepSettings:
             slip rows with ``xi`` ramped to 0, then the natural map as polish.
         tolerance: Relative tolerance of the certificate.
         predictor_iterations: Newton iterations of the stick predictor; it need not converge.
+        extrapolation: Start where the last step points to, if the forces are nearer to balance
+            there, and predict no stick then; only with ``corrector="projection"`` and where the
+            whole system is solved.
         smoothing: ``eps`` of the predictor relative to the expected traction.
         ramp_nodes: ``"violated"``: slip rows only where the stick force leaves the cone;
             ``"all"``: at all nodes, as printed in the paper.
@@ -41,6 +44,7 @@ class StepSettings:
     corrector: Literal["projection", "ramp"] = "projection"
     tolerance: float = 1e-9
     predictor_iterations: int = 1
+    extrapolation: bool = True
     smoothing: float = 1e-2
     ramp_nodes: Literal["violated", "all"] = "violated"
     ramp_sign: Literal[-1, 1] = -1
@@ -59,6 +63,7 @@ class StepSettings:
         choice(self.solver, "solver", ("auto", "condensed", "full"))
         number(self.tolerance, "tolerance", above=0.0, below=1.0)
         integer(self.predictor_iterations, "predictor_iterations", at_least=1)
+        flag(self.extrapolation, "extrapolation")
         number(self.smoothing, "smoothing", at_least=0.0)
         if self.fallbacks is not None:
             integer(self.fallbacks, "fallbacks (None for all)", at_least=0)

@@ -152,7 +152,8 @@ class Trials:
 
 def _begun(system: ContactSystem, attempt: Attempt, way: Way) -> Attempt:
     """Start where the last step points to, if that is nearer; then stick need not be predicted."""
-    if way.condensed or attempt.corrector != "projection" or not extrapolate(system):
+    wanted = system.settings.extrapolation and attempt.corrector == "projection"
+    if way.condensed or not wanted or not extrapolate(system):
         return attempt
     return replace(attempt, predictor_iterations=0, first_look=1)
 
