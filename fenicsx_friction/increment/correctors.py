@@ -24,7 +24,7 @@ SMALLEST_CONTINUATION = 1e-4
 #: Smallest part of the friction that is added in one stage.
 SMALLEST_REDUCTION = 1e-3
 #: Tolerance of a solve after which nodes look for their faces, to be solved again.
-ROUGH_TOLERANCE = 1e-6
+ROUGH_TOLERANCE = 1e-4
 #: After a stage with at most this many iterations, ``xi`` falls faster.
 EASY_STAGE = 1
 
