@@ -2,11 +2,13 @@
 """What contact costs between deformable bodies: search and contact elements, as parts of a step.
 
     ./container python3 benchmarks/deformable_cost.py [--density medium] [--mu 0.5] [--steps 5]
-                                                      [--method nodes]
+                                                      [--method nodes] [--ring 4]
 
-The concentric spheres are pressed by steps of 0.2 mm. Timed are the search, the contact elements
-(kinematics, forces, matrices and the sparsity they need) and the whole; the unit beside it is one
-linear elastic solve on the same mesh, in the same run. Compare parts and ratios.
+The concentric spheres are pressed by steps of 0.2 mm; or, in 2D, a half ring is dragged over a
+block by one and a half faces a step, with so many times the cells of the tests. Timed are the
+search, the contact elements (kinematics, forces, matrices, their sparsity) and the whole; the
+unit beside it is one linear elastic solve on the same mesh, in the same run. Compare parts and
+ratios.
 """
 
 import argparse
@@ -14,7 +16,7 @@ import statistics
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -23,15 +25,19 @@ from dolfinx import fem
 
 import fenicsx_friction as ff
 from elastic import cpu_of, elastic_problem
+from fenicsx_friction import StepReport
 from fenicsx_friction.equations.contact_terms import ContactTerms
 from fenicsx_friction.obstacles.mortar import Mortar
 from fenicsx_friction.obstacles.node_to_face import NodeToFace
 from fenicsx_friction.obstacles.two_bodies import TwoBodies
 from fenicsx_friction.solvers.snes_callbacks import Callbacks
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
+sys.path[:0] = [str(Path(__file__).parents[1] / folder) for folder in ("demos", "tests")]
 import demo_concentric_spheres as spheres
+from rings import half_ring
 
+#: A problem, and what makes its steps.
+Run = tuple[ff.FrictionalContactProblem, Callable[[int], StepReport]]
 #: What is timed: a name, the class and its methods. No method of a part calls another of a part.
 PARTS = (
     ("search", NodeToFace, ("anchor", "search")),
@@ -73,9 +79,39 @@ def timed() -> Iterator[dict[str, float]]:
 def elastic_cost(problem: ff.FrictionalContactProblem) -> float:
     """Return the CPU time (s) of an elastic solve on the mesh, its upper part held."""
     V = problem.u.function_space
-    dofs = fem.locate_dofs_geometrical(V, lambda x: x[2] > 0.8 * np.max(x[2]))
-    elastic = elastic_problem(problem, dofs, None, "spheres")
+    up = V.mesh.geometry.dim - 1
+    dofs = fem.locate_dofs_geometrical(V, lambda x: x[up] > 0.8 * np.max(x[up]))
+    elastic = elastic_problem(problem, dofs, None, "bodies")
     return statistics.median(cpu_of(elastic) for _ in range(3))
+
+
+def pressed(density: str, mu: float, method: str) -> Run:
+    """Return the spheres between planes, and what makes a step."""
+    model = spheres.build(spheres.Case(density, mu, method=method))
+
+    def step(k: int) -> StepReport:
+        """Press by 0.2 mm more."""
+        model.press(0.1 + 0.2 * k)
+        return model.problem.solve()
+
+    step(0)  # compiles
+    return model.problem, step
+
+
+def dragged(refine: int, mu: float, method: str) -> Run:
+    """Return the ring on the block, and what makes a step."""
+    name = {"nodes": "node-to-face"}.get(method, method)
+    problem, top = half_ring("ring_", mu, name, refine)
+
+    def step(k: int) -> StepReport:
+        """Drag by one and a half faces more."""
+        top.value[:] = (0.05 * k / refine, -0.1)
+        return problem.solve()
+
+    for depth in (0.025, 0.05, 0.075, 0.1):
+        top.value[:] = (0.0, -depth)
+        problem.solve()
+    return problem, step
 
 
 def main() -> None:
@@ -85,20 +121,21 @@ def main() -> None:
     parser.add_argument("--mu", type=float, default=0.5)
     parser.add_argument("--steps", type=int, default=5)
     parser.add_argument("--method", default="mortar", help="or nodes")
+    parser.add_argument("--ring", type=int, help="in 2D, with so many times the cells")
     arguments = parser.parse_args()
-    model = spheres.build(spheres.Case(arguments.density, arguments.mu, method=arguments.method))
-    model.press(0.1)
-    model.problem.solve()  # compiles
-    solves = 0
+    mu, method = arguments.mu, arguments.method
+    if arguments.ring:
+        problem, step = dragged(arguments.ring, mu, method)
+    else:
+        problem, step = pressed(arguments.density, mu, method)
     with timed() as spent:
         start = time.process_time()
-        for k in range(arguments.steps):
-            model.press(0.1 + 0.2 * (k + 1))
-            solves += model.problem.solve().iterations
+        solves = sum(step(k + 1).iterations for k in range(arguments.steps))
         total = time.process_time() - start
-    elastic = elastic_cost(model.problem)
-    pairs = model.spheres.surface.num_owned
-    print(f"{pairs} pairs, {arguments.steps} steps, {solves} linear solves in {total:.1f} s")
+    elastic = elastic_cost(problem)
+    pairs, dofs = problem.contacts[0].surface.num_owned, len(problem.u.x.array)
+    print(f"{dofs} displacements, {pairs} nodes, {arguments.steps} steps, {solves} linear solves "
+          f"in {total:.1f} s")  # fmt: skip
     print(f"one linear elastic solve: {elastic:.2f} s; a Newton iteration: "
           f"{total / solves / elastic:.2f} of it")  # fmt: skip
     for part, seconds in spent.items():

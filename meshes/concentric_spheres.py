@@ -19,7 +19,13 @@ import numpy as np
 RADII = (10.0, 12.0, 14.0)
 #: Divisions ``n`` of the inner and the outer sphere: 125/45, 405/125 and 405/605 faces, the
 #: published ones, and finer.
-DENSITIES = {"coarse": (5, 3), "medium": (9, 5), "fine": (9, 11), "finer": (14, 17), "finest": (18, 22)}
+DENSITIES = {
+    "coarse": (5, 3),
+    "medium": (9, 5),
+    "fine": (9, 11),
+    "finer": (14, 17),
+    "finest": (18, 22),
+}
 #: Physical groups of facets.
 TAGS = {
     "inner contact": 1,

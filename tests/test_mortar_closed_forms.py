@@ -1,7 +1,5 @@
 """Mortar contact of two bodies whose faces do not match, against closed forms."""
 
-from types import SimpleNamespace
-
 from mpi4py import MPI
 
 import basix
@@ -12,8 +10,9 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
-from bodies import box, joined, stack
+from bodies import stack
 from models import gathered, tagged_facets
+from rings import half_ring
 
 # -- hollow spheres of Lamé -----------------------------------------------------------------------
 
@@ -191,61 +190,20 @@ def test_a_closed_crack_slips_as_in_closed_form():
 # -- sliding --------------------------------------------------------------------------------------
 
 
-def half_ring(name, mu=0.3):
-    """A half ring (radius 1, E = 1000) over a block (E = 100) that is much wider, neo-Hookean."""
-    ring = box((0.0, 0.0), (1.0, 1.0), (96, 4), "quadrilateral")
-    angle, depth = np.pi * (1.0 + ring.geometry.x[:, 0]), ring.geometry.x[:, 1]
-    radius = 1.0 - 0.2 * depth
-    ring.geometry.x[:, :2] = np.column_stack([radius * np.cos(angle), 1.0 + radius * np.sin(angle)])
-    block = box((-2.0, -1.0), (2.0, 0.0), (74, 8), "quadrilateral")
-    msh = joined(MPI.COMM_SELF, block, ring)
-    tags = tagged_facets(
-        msh,
-        lambda x: np.isclose(np.hypot(x[0], x[1] - 1.0), 1.0) & (x[1] < 0.7),
-        lambda x: np.isclose(x[1], 0.0) & (abs(x[0]) > 1e-9),
-        lambda x: np.isclose(x[1], -1.0),
-        lambda x: np.isclose(x[1], 1.0) & (abs(x[0]) < 1.01),
-    )
-    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
-    u, v = fem.Function(V), ufl.TestFunction(V)
-    young = fem.Function(fem.functionspace(msh, ("DG", 0)))
-    middles = mesh.compute_midpoints(msh, 2, np.arange(len(young.x.array), dtype=np.int32))
-    young.x.array[:] = np.where(middles[:, 1] > 0.0, 1000.0, 100.0)
-    density = ff.bulk.neo_hooke_energy(u, ff.bulk.Elastic(young, 0.3))
-    top = fem.Constant(msh, np.zeros(2))
-    held = [fem.locate_dofs_topological(V, 1, tags.find(tag)) for tag in (4, 3)]
-    contact = ff.Contact(
-        ff.ContactSurface(msh, tags, 1, "ring"),
-        ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2, "block"), method="mortar"),
-        ff.Coulomb(mu),
-    )
-    problem = ff.FrictionalContactProblem(
-        ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v),
-        u,
-        contact=contact,
-        bcs=[
-            fem.dirichletbc(top, held[0], V),
-            fem.dirichletbc(np.zeros(2), held[1], V),
-        ],
-        petsc_options_prefix=name,
-    )
-    return SimpleNamespace(problem=problem, top=top)
-
-
 def test_friction_of_a_sliding_ring_is_steady():
     """Faces come and go: the ratio of the forces stays the same within 0.3 %.
 
     It is smaller than mu by the strain of the block's surface, which is stretched below the ring:
     what friction dissipates is the work of the ring.
     """
-    model = half_ring("ring_")
+    problem, top = half_ring("ring_")
     for depth in (0.025, 0.05, 0.075, 0.1):
-        model.top.value[:] = (0.0, -depth)
-        model.problem.solve()
+        top.value[:] = (0.0, -depth)
+        problem.solve()
     ratios, normal = [], []
     for x in np.arange(0.05, 0.95, 0.05):
-        model.top.value[:] = (x, -0.1)
-        force = model.problem.solve().contacts[0].force
+        top.value[:] = (x, -0.1)
+        force = problem.solve().contacts[0].force
         ratios.append(-force[0] / force[1])
         normal.append(force[1])
     steady = np.array(ratios[8:]) / np.mean(ratios[8:])
