@@ -10,6 +10,7 @@ from dolfinx import fem
 
 import fenicsx_friction as ff
 from bodies import box, joined, sides
+from fenicsx_friction.increment import trial
 from fenicsx_friction.increment.snapshot import ProblemSnapshot
 from models import by_place
 
@@ -87,6 +88,31 @@ def test_a_way_to_nowhere_is_not_taken(rate):
         assert step(*way).iterations == solves[k]
     assert abs(by_place(problem.u) - by_place(reference.u)).max() < 1e-13
     assert abs(expected[-1]).max() > 0.0
+
+
+@pytest.mark.mpi
+def test_a_start_that_leads_nowhere_loses_no_step(monkeypatch):
+    """Where Newton's method fails from there, the step is solved as if it had not been tried."""
+    expected, _, reference = run("usual_", PRESSED, extrapolation=False, fallbacks=0)
+
+    def far_off(system):
+        system.u.x.array[:] += 10.0 * np.cos(np.arange(len(system.u.x.array)))
+        return True
+
+    monkeypatch.setattr(trial, "extrapolate", far_off)
+    forces, _, problem = run("nowhere_", PRESSED, fallbacks=0)
+    assert abs(forces - expected).max() < 1e-10 * abs(expected).max()
+    assert abs(by_place(problem.u) - by_place(reference.u)).max() < 1e-12
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("dt", [1e-310, 1e308])
+def test_lengths_of_steps_at_the_ends_of_numbers(dt):
+    """Rates that overflow lead nowhere."""
+    problem, step = rubber_block("ends_")
+    for way, length in zip(PRESSED, (1.0, dt, dt, 1.0), strict=True):
+        problem.dt.value = length
+        assert step(*way).certificate.solved
 
 
 @pytest.mark.mpi

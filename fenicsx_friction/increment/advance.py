@@ -63,6 +63,8 @@ def _advance(system: ContactSystem) -> StepReport:
                 system.solvers.keep(way.linear_solver)
             _tell(system, report)
             return report
+        if way.attempt is not None and way.attempt.onward:
+            continue  # as if it had not been tried
         if failed is None or found.crossed or _far(report) < _far(failed.report):
             failed = _Failed(report, found.crossed, snapshot.ProblemSnapshot(system))
         if found.crossed or report.certificate.drowned:
@@ -114,7 +116,9 @@ def _ways(trials: Trials) -> Iterator[Way]:
     if not np.isfinite(forces):
         raise ContactInputError(explain_not_finite(system, forces))
     for linear_solver in solvers.linear_solvers:
-        for attempt in (*_first(system, linear_solver), *FALLBACKS[:number]):
+        same, first = _first(system, linear_solver)
+        onward = (first.moved_on(),) if system.settings.extrapolates else ()
+        for attempt in (same, *onward, first, *FALLBACKS[:number]):
             yield Way(attempt, False, max(min(forces, soft), contact), linear_solver)
 
 

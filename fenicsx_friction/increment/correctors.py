@@ -23,8 +23,6 @@ SMALLEST_XI, FINEST_REDUCTION = 1e-8, 0.95
 SMALLEST_CONTINUATION = 1e-4
 #: Smallest part of the friction that is added in one stage.
 SMALLEST_REDUCTION = 1e-3
-#: Tolerance of a solve after which nodes look for their faces, to be solved again.
-ROUGH_TOLERANCE = 1e-4
 #: After a stage with at most this many iterations, ``xi`` falls faster.
 EASY_STAGE = 1
 
@@ -41,6 +39,8 @@ class Attempt:
         predictor_iterations: Newton iterations of the predictor, those of the settings by default.
         first_look: Iterations after which nodes look for their faces for the first time, where it
             does not matter on which way they get there: by then it is known about where they are.
+        rough: Relative tolerance of a solve after which nodes look for their faces.
+        onward: Start where the last step points to.
     """
 
     corrector: str
@@ -49,6 +49,12 @@ class Attempt:
     max_it: int | None = None
     predictor_iterations: int | None = None
     first_look: int = 3
+    rough: float = 1e-6
+    onward: bool = False
+
+    def moved_on(self) -> "Attempt":
+        """Return the same from where the last step points to: near, and what slips goes on to."""
+        return replace(self, predictor_iterations=0, first_look=1, rough=1e-4, onward=True)
 
 
 #: Tried in turn after full Newton steps have failed; for steep loads and high friction.
@@ -103,7 +109,7 @@ def polish(system: ContactSystem, attempt: Attempt, *, roughly: bool = False) ->
     """Solve the natural map."""
     return system.run(
         system.projection,
-        ROUGH_TOLERANCE if roughly else newton_tolerance(system),
+        attempt.rough if roughly else newton_tolerance(system),
         line_search=attempt.line_search,
         max_it=attempt.max_it,
     )

@@ -25,10 +25,11 @@ def extrapolate(system: ContactSystem) -> bool:
         return False
     start = snapshot.save(system.state)
     here = _unbalanced(system, start)
-    ways = (float(system.dt.value) * f.x.array for f in system.rates)
-    there: snapshot.Snapshot = [a + way for a, way in zip(start, ways, strict=True)]
-    if _unbalanced(system, there) < WORTH * here:
-        return True
+    dt, pairs = float(system.dt.value), zip(start, system.rates, strict=True)
+    with np.errstate(all="ignore"):  # what is no number brings no balance
+        there: snapshot.Snapshot = [a + dt * f.x.array for a, f in pairs]
+        if _unbalanced(system, there) < WORTH * here:
+            return True
     snapshot.restore(system.state, start)
     return False
 
@@ -41,7 +42,8 @@ def commit_rates(system: ContactSystem, start: snapshot.Snapshot) -> None:
         start: The unknowns at its start.
     """
     for rate, f, values in zip(system.rates, system.state, start, strict=True):
-        rate.x.array[:] = (f.x.array - values) / float(system.dt.value)
+        with np.errstate(over="ignore"):
+            rate.x.array[:] = (f.x.array - values) / float(system.dt.value)
 
 
 def _is_last(system: ContactSystem) -> bool:

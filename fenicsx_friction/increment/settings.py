@@ -54,6 +54,11 @@ class StepSettings:
     look_for_others: bool | None = None
     raise_on_uncertified: bool = True
 
+    @property
+    def extrapolates(self) -> bool:
+        """Whether steps may start where the last one points to."""
+        return self.extrapolation and self.corrector == "projection"
+
     def __post_init__(self) -> None:
         """Check the values."""
         choice(self.corrector, "corrector", ("projection", "ramp"))

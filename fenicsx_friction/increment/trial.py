@@ -101,7 +101,7 @@ class Trials:
         snapshot.restore(self._changed, self._kept)
 
     def make(self, way: Way) -> Outcome | None:
-        """Solve in one way and certify; ``None`` if the start is not its own solution."""
+        """Solve in one way and certify; ``None`` if the start is none, or not its own solution."""
         system, attempt = self.system, way.attempt
         self.restore()
         if attempt is not None:
@@ -115,9 +115,10 @@ class Trials:
             system.solvers.full.take_linear_solver(way.linear_solver)
         with system.solvers.use(condensed=way.condensed):
             if attempt is not None:
-                first = not self.tried
+                if attempt.onward and not extrapolate(system):
+                    return None
                 self.tried.append((attempt, way.condensed))
-                found = _solve(system, _begun(system, attempt, way) if first else attempt, way)
+                found = _solve(system, attempt, way)
                 self.substeps += found
                 converged = found[-1].converged
                 if way.condensed and not converged and found[-1].reason != NOT_BALANCED:
@@ -148,14 +149,6 @@ class Trials:
             bodies=totals_of_bodies(system.bodies, system.contacts, contacts),
         )
         return report, crossed
-
-
-def _begun(system: ContactSystem, attempt: Attempt, way: Way) -> Attempt:
-    """Start where the last step points to, if that is nearer; then stick need not be predicted."""
-    wanted = system.settings.extrapolation and attempt.corrector == "projection"
-    if way.condensed or not wanted or not extrapolate(system):
-        return attempt
-    return replace(attempt, predictor_iterations=0, first_look=1)
 
 
 def _close(system: ContactSystem, *, again: bool) -> None:
