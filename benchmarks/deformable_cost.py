@@ -25,7 +25,6 @@ from dolfinx import fem
 
 import fenicsx_friction as ff
 from elastic import cpu_of, elastic_problem
-from fenicsx_friction import StepReport
 from fenicsx_friction.equations.contact_terms import ContactTerms
 from fenicsx_friction.obstacles.mortar import Mortar
 from fenicsx_friction.obstacles.node_to_face import NodeToFace
@@ -37,7 +36,7 @@ import demo_concentric_spheres as spheres
 from rings import half_ring
 
 #: A problem, and what makes its steps.
-Run = tuple[ff.FrictionalContactProblem, Callable[[int], StepReport]]
+Run = tuple[ff.FrictionalContactProblem, Callable[[int], ff.StepReport]]
 #: What is timed: a name, the class and its methods. No method of a part calls another of a part.
 PARTS = (
     ("search", NodeToFace, ("anchor", "search")),
@@ -89,7 +88,7 @@ def pressed(density: str, mu: float, method: str) -> Run:
     """Return the spheres between planes, and what makes a step."""
     model = spheres.build(spheres.Case(density, mu, method=method))
 
-    def step(k: int) -> StepReport:
+    def step(k: int) -> ff.StepReport:
         """Press by 0.2 mm more."""
         model.press(0.1 + 0.2 * k)
         return model.problem.solve()
@@ -103,7 +102,7 @@ def dragged(refine: int, mu: float, method: str) -> Run:
     name = {"nodes": "node-to-face"}.get(method, method)
     problem, top = half_ring("ring_", mu, name, refine)
 
-    def step(k: int) -> StepReport:
+    def step(k: int) -> ff.StepReport:
         """Drag by one and a half faces more."""
         top.value[:] = (0.05 * k / refine, -0.1)
         return problem.solve()

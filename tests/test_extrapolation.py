@@ -107,12 +107,14 @@ def test_a_start_that_leads_nowhere_loses_no_step(monkeypatch):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("dt", [1e-310, 1e308])
-def test_lengths_of_steps_at_the_ends_of_numbers(dt):
-    """Rates that overflow lead nowhere."""
+def test_lengths_of_steps_at_the_ends_of_numbers(dt, tmp_path):
+    """Rates that overflow lead nowhere, and a checkpoint can be written."""
     problem, step = rubber_block("ends_")
+    path = MPI.COMM_WORLD.bcast(tmp_path / "state.h5")
     for way, length in zip(PRESSED, (1.0, dt, dt, 1.0), strict=True):
         problem.dt.value = length
         assert step(*way).certificate.solved
+        ff.write_checkpoint(path, problem)
 
 
 @pytest.mark.mpi

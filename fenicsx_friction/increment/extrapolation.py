@@ -43,7 +43,8 @@ def commit_rates(system: ContactSystem, start: snapshot.Snapshot) -> None:
     """
     for rate, f, values in zip(system.rates, system.state, start, strict=True):
         with np.errstate(over="ignore"):
-            rate.x.array[:] = (f.x.array - values) / float(system.dt.value)
+            found = (f.x.array - values) / float(system.dt.value)
+        rate.x.array[:] = np.where(np.isfinite(found), found, 0.0)  # for a tiny dt
 
 
 def _is_last(system: ContactSystem) -> bool:
