@@ -107,9 +107,6 @@ def dragged(refine: int, mu: float, method: str) -> Run:
         top.value[:] = (0.05 * k / refine, -0.1)
         return problem.solve()
 
-    for depth in (0.025, 0.05, 0.075, 0.1):
-        top.value[:] = (0.0, -depth)
-        problem.solve()
     return problem, step
 
 

@@ -54,6 +54,14 @@ def rubber_block(name, method="mortar", **settings):
     return problem, step
 
 
+def pressed_block(name):
+    """Return the same after three steps down: the next one goes on as they did."""
+    problem, step = rubber_block(name)
+    for way in PRESSED[:3]:
+        step(*way)
+    return problem, step
+
+
 def run(name, path, method="mortar", **settings):
     """Go along a path; return the forces of the steps, their solves, and the problem."""
     problem, step = rubber_block(name, method, **settings)
@@ -120,9 +128,7 @@ def test_lengths_of_steps_at_the_ends_of_numbers(dt, tmp_path):
 @pytest.mark.mpi
 def test_the_start_of_the_user_is_kept():
     """Values that the user gives the displacement are the start, those of held dofs aside."""
-    problem, step = rubber_block("start_")
-    for way in PRESSED[:3]:
-        step(*way)
+    problem, step = pressed_block("start_")
     kept = ProblemSnapshot(problem)
     onward = step(*PRESSED[3]).iterations
     found = problem.u.x.array.copy()
@@ -138,9 +144,7 @@ def test_the_start_of_the_user_is_kept():
 @pytest.mark.mpi
 def test_a_step_of_another_length_starts_as_far_on():
     """A step of half the time goes half as far: the start is that of half the load."""
-    problem, step = rubber_block("half_")
-    for way in PRESSED[:3]:
-        step(*way)
+    problem, step = pressed_block("half_")
     kept = ProblemSnapshot(problem)
     (x, y), (_, end) = PRESSED[2], PRESSED[3]
     solves = []
@@ -156,9 +160,7 @@ def test_a_step_of_another_length_starts_as_far_on():
 def test_a_run_that_is_resumed_takes_the_same_starts(tmp_path):
     """The rates are in the checkpoint: the next steps are the same."""
     path = MPI.COMM_WORLD.bcast(tmp_path / "state.h5")
-    problem, step = rubber_block("whole_")
-    for way in PRESSED[:3]:
-        step(*way)
+    problem, step = pressed_block("whole_")
     ff.write_checkpoint(path, problem)
     solves = [step(*way).iterations for way in PRESSED[3:] + DRAGGED]
     again, step = rubber_block("resumed_")
