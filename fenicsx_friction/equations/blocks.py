@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Generic, TypeVar
-
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -87,12 +85,3 @@ def derivatives_of(k: Contact, kernel: NodalKernel) -> Blocks[Array]:
         [-turned for turned in k.pairing.turning(slopes, weight_slopes)],
         of_body,
     )
-
-
-def coordinates(places: Sequence[Places]) -> tuple[npt.NDArray, npt.NDArray]:
-    """Return row and column of each entry of all blocks, both -1 for those that are left out."""
-    i = np.concatenate([np.repeat(r, c.shape[1], axis=1).ravel() for r, c in places])
-    j = np.concatenate([np.tile(c, (1, r.shape[1])).ravel() for r, c in places])
-    out = (i < 0) | (j < 0)
-    i, j = (np.where(out, -1, k).astype(PETSc.IntType) for k in (i, j))
-    return i, j

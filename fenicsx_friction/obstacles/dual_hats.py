@@ -15,8 +15,10 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from ..surfaces.lagrange_faces import LagrangeFaces
+from .mortar_groups import summed
 from .segments import Segments
 
 Array = npt.NDArray[np.floating]
@@ -24,15 +26,23 @@ Array = npt.NDArray[np.floating]
 HATS, DUAL = 0.5, 0.9
 
 
-def dual_hats(faces: LagrangeFaces, points: Segments) -> Array:
-    """Return the test functions of the vertices of each point's face: (points, vertices)."""
-    hats, face = faces.hats(points.xi), faces.face_of(points.patch)
+def dual_hats(faces: LagrangeFaces, points: Segments, hats: Array) -> Array:
+    """Return the test functions of the vertices of each point's face: (points, vertices).
+
+    Args:
+        faces: The faces.
+        points: The points.
+        hats: The hats of the vertices there.
+    """
+    face = faces.face_of(points.patch)
     number, corners = len(faces.dofs), hats.shape[1]
     covered = np.bincount(face, points.weight, minlength=number)
     share = np.clip((covered / faces.areas - HATS) / (DUAL - HATS), 0.0, 1.0)
     share *= share * (3.0 - 2.0 * share)
-    mass = np.zeros((number, corners, corners))
-    np.add.at(mass, face, points.weight[:, None, None] * hats[:, :, None] * hats[:, None])
+    products = np.einsum("p,pi,pj->pij", points.weight, hats, hats)
+    ends = np.searchsorted(face, np.arange(number + 1))  # the points are sorted by faces
+    of_face = scipy.sparse.csr_array((np.ones(len(face)), np.arange(len(face)), ends))
+    mass = summed(of_face, products)
     some = share > 0.0
     change = np.tile(np.eye(corners), (number, 1, 1))
     integrals = mass[some].sum(axis=2)
@@ -43,5 +53,6 @@ def dual_hats(faces: LagrangeFaces, points: Segments) -> Array:
 
 def weights_of(faces: LagrangeFaces, points: Segments) -> Array:
     """Return hats and dual functions at points, times their area: (2, points, nodes)."""
-    functions = np.stack([faces.hats(points.xi), dual_hats(faces, points)])
+    hats = faces.hats(points.xi)
+    functions = np.stack([hats, dual_hats(faces, points, hats)])
     return np.asarray(functions * points.weight[:, None])

@@ -49,12 +49,16 @@ class MortarElement:
         self._groups = groups = Groups(facing, points, old[0], shares, own)
         self._turning = Turning(facing, points, groups)
         self._corners, self._couples = groups.corners, groups.couples
-        self._at, self._old_at = facing.secondary.shapes(points.xi), facing.primary.shapes(old[1])
-        self._old_face = old[0]
+        self._at, old_at = facing.secondary.shapes(points.xi), facing.primary.shapes(old[1])
+        own_face = facing.secondary.face_of(points.patch)
+        self._on_own = facing.secondary.interpolation(own_face, self._at)
+        self._on_old = facing.primary.interpolation(old[0], old_at)
         self._gap_shares = groups.corners.gaps(self._at)
         self._shares_at = groups.corners.slips(self._at)
-        self._old_shares = groups.old.slips(self._old_at)
+        self._old_shares = groups.old.slips(old_at)
         self._sums = groups.corners.gaps(np.ones(len(points.patch)))
+        self._found_duals: Array | None = None
+        self._acted: tuple[Array, Array] | None = None
 
     @property
     def stencil(self) -> Indices:
@@ -90,19 +94,25 @@ class MortarElement:
         self._turns = turns
         self._by_normal = by_normal
         self._normal = normal = normals[points.patch]
-        face = secondary.face_of(points.patch)
-        self.x = (self._at[:, None] @ secondary.at_dofs(x[0], face))[:, 0]
+        self.x = self._on_own @ x[0]
         eta, gap = cast(primary, x[1], points.face, self.x, normal, points.eta)
         self.failed = ~np.isfinite(gap)
         eta[self.failed] = points.eta[self.failed]
         self.gap = np.where(self.failed, 0.0, gap)
         table = primary.table(eta)
         self._shapes, self._slopes = table[:, 0], table[:, 1:]
-        tangents = self._slopes @ primary.at_dofs(x[1], points.face)
-        self._duals = duals(tangents, normal)
-        self._way = self.x - (self._old_at[:, None] @ primary.at_dofs(x[1], self._old_face))[:, 0]
+        self._x, self._found_duals, self._acted = x[1], None, None
+        self._way = self.x - self._on_old @ x[1]
         self._way_of_corner = corners.slips(self._way)
         self._couple_shapes = self._couples.slips(self._shapes)
+
+    @property
+    def _duals(self) -> Array:
+        """The dual vectors of the tangents of the face that is seen and of the normal."""
+        if self._found_duals is None:
+            tangents = self._slopes @ self._facing.primary.at_dofs(self._x, self.points.face)
+            self._found_duals = duals(tangents, self._normal)
+        return self._found_duals
 
     def values(self) -> Array:
         """Return the field of the nodes: averages, (nodes, entries)."""
@@ -160,7 +170,9 @@ class MortarElement:
 
     def forces(self, c: Array) -> Array:
         """Return the forces of multipliers over what is covered: (nodes, stencil, d)."""
-        return self._acting(self._of_corners(c))
+        if self._acted is None or not np.array_equal(self._acted[0], c):
+            self._acted = c.copy(), self._acting(self._of_corners(c))
+        return self._acted[1]
 
     def _of_corners(self, c: Array) -> Array:
         """Return the tractions of multipliers in global axes at the corners (Pa)."""

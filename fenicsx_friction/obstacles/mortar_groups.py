@@ -29,23 +29,49 @@ class Sums:
     Attributes:
         of_gap: Groups by points, of shares in gaps.
         of_slip: The same of shares in slips and forces.
-        node: Node of each group.
-        key: What else the points of each group have in common.
+        node: Node of each group, ascending.
+        key: What else the points of each group have in common, ascending for each node.
+        group: The group of each share.
     """
 
     of_gap: scipy.sparse.csr_array
     of_slip: scipy.sparse.csr_array
     node: Indices
     key: Indices
+    group: Indices
 
     @classmethod
     def over(cls, shares: Shares, keys: Indices, points: int) -> Sums:
         """Sum over the points of a node that have a key in common; keys are those of shares."""
         number = int(keys.max(initial=0)) + 1
-        groups, inverse = np.unique(shares.node * number + keys, return_inverse=True)
-        place, shape = (inverse.ravel(), shares.point), (len(groups), points)
-        of_gap, of_slip = (scipy.sparse.csr_array((v, place), shape=shape) for v in shares.values)
-        return cls(of_gap, of_slip, groups // number, groups % number)
+        groups, group = np.unique(shares.node * number + keys, return_inverse=True)
+        return cls._of(shares, points, groups // number, groups % number, group.ravel())
+
+    def coarser(self, shares: Shares, keys: Indices) -> tuple[Sums, Indices]:
+        """Return sums over groups of these groups, and the larger group of each.
+
+        Args:
+            shares: Those that the sums were made of.
+            keys: What groups have in common, ascending for each node.
+        """
+        first = np.ones(len(keys), dtype=bool)
+        first[1:] = (np.diff(self.node) != 0) | (np.diff(keys) != 0)
+        larger, points = np.cumsum(first) - 1, self.of_gap.shape[1]
+        sums = self._of(shares, points, self.node[first], keys[first], larger[self.group])
+        return sums, larger
+
+    @classmethod
+    def _of(cls, shares: Shares, points: int, node: Indices, key: Indices, group: Indices) -> Sums:
+        """Sum over the shares of each group."""
+        number, shape = len(group), (len(node), points)
+        ones = (np.ones(number, dtype=np.int8), group, np.arange(number + 1))
+        sorted_ = scipy.sparse.csr_array(ones, shape=(number, len(node))).tocsc()
+        order, ends = sorted_.indices, sorted_.indptr
+        of_gap, of_slip = (
+            scipy.sparse.csr_array((v[order], shares.point[order], ends), shape=shape)
+            for v in shares.values
+        )
+        return cls(of_gap, of_slip, node, key, group)
 
     def gaps(self, values: Array) -> Array:
         """Return the sums of values at the points, (points, ...), with their shares in gaps."""
@@ -91,14 +117,11 @@ class Groups:
         own: Indices,
     ) -> None:
         number, patch, self._num_nodes = len(points.patch), points.patch[shares.point], len(own)
-        secondary, primary, patches = facing.secondary, facing.primary, len(facing.secondary)
+        secondary, primary = facing.secondary, facing.primary
         faces, offset = len(primary.dofs), facing.num_secondary
-        self.corners = Sums.over(shares, patch, number)
-        keys = self.corners.node * patches + self.corners.key
         self.couples = Sums.over(shares, patch * faces + points.face[shares.point], number)
-        seen = self.couples.node * patches + self.couples.key // faces
-        self.corner = np.searchsorted(keys, seen)
-        corner = np.searchsorted(keys, shares.node * patches + patch)
+        self.corners, self.corner = self.couples.coarser(shares, self.couples.key // faces)
+        corner = self.corners.group
         self.old = Sums.over(shares, corner * faces + old_face[shares.point], number)
         self.old_corner = self.old.key // faces
         self._nodes = [self.corners.node, self.couples.node, self.old.node]

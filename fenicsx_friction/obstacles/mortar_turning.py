@@ -103,11 +103,12 @@ class Turning:
         row, place = (np.cumsum(chosen) - 1)[self._pair[p]], self._place[p]
         weights = np.column_stack([points.at[p], points.shapes[p], points.gap[p]])
         (k, d), n = points.moved.shape[1:], points.at.shape[1]
-        by_way = points.force[p][:, None, :, None] * points.moved[p][:, :, None]
+        by_way = points.force[p][:, :, None] * points.moved[p].reshape(len(p), 1, k * d)
         of_pair = np.zeros((len(pairs), self._shape[1], weights.shape[1]))
         ways = np.zeros((len(pairs), self._shape[1], k * d * d))
         of_pair[row, place], ways[row, place] = weights, by_way.reshape(len(p), k * d * d)
-        sums = (ways.transpose(0, 2, 1) @ of_pair).reshape(len(pairs), k, d, d, weights.shape[1])
+        sums = (ways.transpose(0, 2, 1) @ of_pair).reshape(len(pairs), d, k, d, weights.shape[1])
+        sums = sums.transpose(0, 2, 1, 3, 4)
         by_dofs = sums.transpose(0, 1, 2, 4, 3)
         return [by_dofs[:, :, :, :n], by_dofs[:, :, :, n:-1], sums[..., -1]]
 

@@ -30,8 +30,8 @@ def points_before(
     """
     secondary, primary = facing.secondary, facing.primary
     normal = Planes.of(secondary, x[0]).normal[points.patch]
-    corners = secondary.at_dofs(x[0], secondary.face_of(points.patch))
-    start = (secondary.shapes(points.xi)[:, None] @ corners)[:, 0]
+    own_face = secondary.face_of(points.patch)
+    start = secondary.interpolation(own_face, secondary.shapes(points.xi)) @ x[0]
     face = points.face.copy()
     eta, _ = cast(primary, x[1], face, start, normal, points.eta)
     lost = ~np.all(np.isfinite(eta), axis=1)

@@ -6,9 +6,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..surfaces.face_tables import normals_of
 from ..surfaces.lagrange_faces import LagrangeFaces
-from .clipping import cross
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]
@@ -28,6 +26,9 @@ def cast(
 ) -> tuple[Array, Array]:
     """Find where lines meet faces, which extend beyond their edges.
 
+    Looking along the line, a face is a map of its coordinates to a plane, in which the line is the
+    origin.
+
     Args:
         faces: The faces.
         x: Positions of their dofs (m).
@@ -40,57 +41,90 @@ def cast(
         Places on the faces; and how far before them the points are, against the direction (m). Not
         a number where the search fails.
     """
-    corners = faces.at_dofs(x, face)
-    gap: Array = np.zeros(len(face))
+    polynomials, d = faces.polynomials, faces.d
+    # The last axis is that of the lines: all products are those of long rows.
+    corners = np.take(x.T, np.take(faces.dofs.T, face, axis=1), axis=1) - start.T[:, None]
+    seen = np.einsum("dmn,adn->amn", corners, _axes(along.T))
     place = np.tile(faces.centers.mean(axis=0), (len(face), 1)) if eta is None else eta.copy()
-    left = np.arange(len(face))
-    failed, before = np.zeros(len(face), dtype=bool), np.zeros(len(face))
     with np.errstate(all="ignore"):
-        for _ in range(MAX_IT):
-            rows = left if len(left) < len(face) else slice(None)  # most often: no copies
-            at = place[rows]
-            around = faces.table(at) @ corners[rows]  # foot, then tangents; faster than einsum
-            way = start[rows] - around[:, 0]
-            step, gap[rows] = split(around[:, 1:], along[rows], way)
-            place[rows] = at + (step if faces.affine else np.clip(step, -1.0, 1.0))
-            moved = np.maximum(abs(step[:, 0]), abs(step[:, -1]))
-            if faces.affine:
-                moved *= 0.0  # one step is exact
-            # Steps fall with their squares: the next one is known from two.
-            done = (moved < TOLERANCE) | (moved**3 < (before[rows] * TOLERANCE) ** 2)
-            failed[rows], before[rows] = ~done, np.minimum(moved, 1.0)  # as far as it went
-            left = left[~(np.isnan(moved) | done)]
-            if not len(left):
-                break
-    place[failed] = np.nan
-    return place, np.where(failed, np.nan, gap)
+        _go_to_origin(place, faces, polynomials.coefficients[:, None] @ seen[: d - 1])
+        gap = -np.einsum("kn,kn->n", polynomials(place.T), polynomials.coefficients[0] @ seen[-1])
+    return place, gap
 
 
-def split(tangents: Array, along: Array, way: Array) -> tuple[Array, Array]:
-    """Split vectors into parts along tangents (points, d - 1, d) and along a direction."""
-    first, second = tangents[:, 0], tangents[:, -1]
-    if tangents.shape[2] == 2:
-        volume = cross(first, along)
-        return (cross(way, along) / volume)[:, None], cross(first, way) / volume
-    normal, across = np.cross(first, second), np.cross(way, along)
-    parts = (-_dot(second, across), _dot(first, across), _dot(normal, way))
-    *step, gap = (part / _dot(normal, along) for part in parts)
-    return np.stack(step, axis=1), gap
+def _go_to_origin(place: Array, faces: LagrangeFaces, table: Array) -> None:
+    """Find the places whose images are the origin, not a number where this fails.
+
+    Args:
+        place: Where to begin; becomes the result.
+        faces: The faces.
+        table: Coefficients of the images, then of their derivatives along each coordinate of the
+            faces: (d, d - 1, monomials, lines).
+    """
+    number = len(place)
+    left, at, before = np.arange(number), place.T, np.zeros(number)
+    for _ in range(MAX_IT):
+        step = _step(np.einsum("kn,takn->tan", faces.polynomials(at), table))
+        moved = np.max(abs(step), axis=0)
+        if faces.affine:
+            moved *= 0.0  # one step is exact
+        else:
+            np.clip(step, -1.0, 1.0, out=step)
+        at = at + step
+        place[left if len(left) < number else slice(None)] = at.T
+        # Steps fall with their squares: the next one is known from two.
+        done = (moved < TOLERANCE) | (moved**3 < (before * TOLERANCE) ** 2)
+        again = ~(np.isnan(moved) | done)
+        place[left[~(done | again)]] = np.nan
+        left = left[again]
+        if not len(left):
+            return
+        if not np.all(again):
+            at, table = at[:, again], table.compress(again, axis=-1)
+        before = np.minimum(moved[again], 1.0)  # as far as it went
+    place[left] = np.nan
 
 
-def _dot(a: Array, b: Array) -> Array:
-    """Return products of vectors."""
-    return np.asarray(np.einsum("pd,pd->p", a, b))
+def _axes(along: Array) -> Array:
+    """Return unit vectors across directions (d, lines), and these: (d, d, lines).
+
+    In 3D after Duff et al., Journal of Computer Graphics Techniques 6 (2017).
+    """
+    if len(along) == 2:
+        return np.array([[-along[1], along[0]], along])
+    x, y, z = along
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = [1.0 + sign * x * x * a, sign * b, -sign * x]
+    return np.array([first, [b, sign + y * y * a, -y], along])
+
+
+def _step(values: Array) -> Array:
+    """Return Newton steps to the origin: (d - 1, lines).
+
+    Args:
+        values: Places in the plane, then their derivatives along each coordinate of the face:
+            (d, d - 1, lines).
+    """
+    if len(values) == 2:
+        return -values[0] / values[1]
+    (a, b), (a_1, b_1), (a_2, b_2) = values
+    area = a_1 * b_2 - b_1 * a_2
+    return np.array([b * a_2 - a * b_2, a * b_1 - b * a_1]) / area
 
 
 def duals(tangents: Array, along: Array) -> Array:
     """Return the dual vectors of tangents and a direction: (points, d, d)."""
-    normal = normals_of(tangents)
-    volume = np.sum(normal * along, axis=1, keepdims=True)
-    of_along = normal / volume
-    if tangents.shape[2] == 2:
-        across = np.column_stack([along[:, 1], -along[:, 0]])
-        first = across / np.sum(across * tangents[:, 0], axis=1, keepdims=True)
-        return np.stack([first, of_along], axis=1)
-    first, second = np.cross(tangents[:, 1], along), np.cross(along, tangents[:, 0])
-    return np.stack([first / volume, second / volume, of_along], axis=1)
+    rows = [*tangents.transpose(1, 2, 0), along.T]  # long rows again
+    if len(rows) == 2:
+        found = np.array([[rows[1][1], -rows[1][0]], [-rows[0][1], rows[0][0]]])
+    else:
+        found = np.array([_cross(rows[k - 2], rows[k - 1]) for k in range(3)])
+    found /= np.einsum("dn,dn->n", found[0], rows[0])
+    return np.ascontiguousarray(found.transpose(2, 0, 1))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return products of vectors in 3D: (3, n)."""
+    return np.array([a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)])

@@ -119,11 +119,20 @@ class _Sight:
         good = np.linalg.norm(planes.flat(patch, center), axis=1) <= both
         good &= abs(planes.heights(patch, center)) <= reach + both
         self.patch, self.meets = patch[good], meets[good]
+        first, second = self._flat_corners()
+        low, high = np.min(first, axis=1), np.max(first, axis=1)
+        other_low, other_high = np.min(second, axis=1), np.max(second, axis=1)
+        good = np.all((low <= other_high) & (other_low <= high), axis=1)
+        self.patch, self.meets = self.patch[good], self.meets[good]
+
+    def _flat_corners(self) -> tuple[Array, Array]:
+        """Return the corners of both patches of each pair in the plane of the first."""
+        first, second = self._own[self.patch], self._other[self.meets]
+        return self._planes.flat(self.patch, first), self._planes.flat(self.patch, second)
 
     def clip(self, degree: int) -> tuple[Indices, Array, Array]:
         """Return the pair, the place in the plane, and the weight (m²) of quadrature points."""
-        corners = (self._own[self.patch], self._other[self.meets])
-        first, second = (self._planes.flat(self.patch, c) for c in corners)
+        first, second = self._flat_corners()
         return common_points(first, second, degree)
 
     def look(self, pair: Indices, flat: Array, weight: Array, reach: float) -> tuple[Array, Mask]:

@@ -48,8 +48,9 @@ class Shares:
 
     def renumbered(self) -> tuple[Shares, Indices]:
         """Return them by the numbers of the points among those that count; and these."""
-        used, point = np.unique(self.point, return_inverse=True)
-        return Shares(self.node, point.ravel(), self.values, self.covered), used
+        counts = np.bincount(self.point) > 0
+        point = (np.cumsum(counts) - 1)[self.point]
+        return Shares(self.node, point, self.values, self.covered), np.flatnonzero(counts)
 
 
 def find_shares(

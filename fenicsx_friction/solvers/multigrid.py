@@ -136,10 +136,10 @@ class Multigrid:
         assert self._cycle is not None and blocks.forces is not None
         forces, laws = r.array_r[:n], r.array_r[n + blocks.num_q :]
         self._c.array[:] = blocks.multipliers(laws)
-        blocks.forces.mult(self._c, self._b)
+        blocks.forces.matrix.mult(self._c, self._b)
         self._b.array[:] = forces - self._b.array_r
         self._cycle.apply(self._b, self._y)
-        blocks.slopes.mult(self._y, self._c)
+        blocks.slopes.matrix.mult(self._y, self._c)
         x.array[:n] = self._y.array_r
         x.array[n : n + blocks.num_q] = 0.0
         x.array[n + blocks.num_q :] = blocks.multipliers(laws - self._c.array_r)
@@ -167,14 +167,14 @@ class Multigrid:
             self._bulk = self._P = J.createSubMatrix(own, own)
             if self._blocks.coupled:  # springs join nodes that nothing in the bulk joins
                 self._P = self._bulk.duplicate()
-                self._P.axpy(1.0, self._blocks.springs, structure.DIFFERENT_NONZERO_PATTERN)
+                self._P.axpy(1.0, self._blocks.springs.matrix, structure.DIFFERENT_NONZERO_PATTERN)
         else:
             J.createSubMatrix(own, own, self._bulk)
         own.destroy()
         if self._P != self._bulk:
             self._P.zeroEntries()
             self._P.axpy(1.0, self._bulk, structure.SUBSET_NONZERO_PATTERN)
-        self._P.axpy(1.0, self._blocks.springs, structure.SUBSET_NONZERO_PATTERN)
+        self._P.axpy(1.0, self._blocks.springs.matrix, structure.SUBSET_NONZERO_PATTERN)
 
     def _own_rows(self, J: PETSc.Mat) -> PETSc.IS:
         """Return the rows of this rank's displacements."""
@@ -198,7 +198,7 @@ class Multigrid:
         P = self._P
         assert self._blocks.forces is not None
         self._b, self._y = P.createVecs()
-        self._c = self._blocks.forces.createVecRight()
+        self._c = self._blocks.forces.matrix.createVecRight()
         P.setBlockSize(self._V.mesh.geometry.dim)
         modes = rigid_modes(self._V)
         P.setNearNullSpace(modes)

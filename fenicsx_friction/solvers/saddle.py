@@ -5,14 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from petsc4py import PETSc
-
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from ..equations.blocks import Coupling, Places, coordinates
+from ..equations.blocks import Coupling
 from ..equations.numbering import num_owned
+from .block_matrix import BlockMatrix
 from .node_elimination import NodeBlocks, node_blocks
 
 Array = npt.NDArray[np.floating]
@@ -54,7 +53,7 @@ class SaddleBlocks:
         self.num_motions, before = sizes[:, 1].sum(), sizes[: self._comm.rank, 1].sum()
         self.motions = slice(before, before + self.num_q)
         self.first_row = int(self._starts[self._comm.rank])
-        self.forces: PETSc.Mat | None = None
+        self.forces: BlockMatrix | None = None
         self._parts: list[NodeBlocks] = []
 
     @property
@@ -73,8 +72,7 @@ class SaddleBlocks:
         if self.forces is None:
             self._allocate()
         for name in ("forces", "slopes", "springs"):
-            values = np.concatenate([getattr(part, name).ravel() for part in self._parts])
-            getattr(self, name).setValuesCOO(values, addv=PETSc.InsertMode.INSERT_VALUES)
+            getattr(self, name).set(getattr(part, name) for part in self._parts)
 
     def multipliers(self, rows: Array) -> Array:
         """Return the multipliers that rows of the law give where nothing moves; of this rank."""
@@ -99,9 +97,9 @@ class SaddleBlocks:
         c = [self._numbered(part.c, self._c_starts, self._before_c) for part in self._parts]
         self._own = [numbers - self._c_starts[self._comm.rank] for numbers in c]
         u_size, c_size = (self.num_u, None), (self.num_c, None)
-        self.slopes = self._sparse((c_size, u_size), list(zip(c, q, strict=True)))
-        self.springs = self._sparse((u_size, u_size), list(zip(q, q, strict=True)))
-        self.forces = self._sparse((u_size, c_size), list(zip(q, c, strict=True)))
+        self.slopes = BlockMatrix((c_size, u_size), list(zip(c, q, strict=True)), self._comm)
+        self.springs = BlockMatrix((u_size, u_size), list(zip(q, q, strict=True)), self._comm)
+        self.forces = BlockMatrix((u_size, c_size), list(zip(q, c, strict=True)), self._comm)
 
     def _numbered(self, rows: Indices, starts: Indices, before: Indices) -> Indices:
         """Return numbers among the unknowns of one kind, of rows of the whole system.
@@ -113,11 +111,3 @@ class SaddleBlocks:
         """
         rank = np.searchsorted(self._starts, np.maximum(rows, 0), side="right") - 1
         return np.where(rows < 0, -1, rows + (starts[:-1] - self._starts[:-1] - before)[rank])
-
-    def _sparse(self, size: tuple[tuple[int, None], ...], places: Sequence[Places]) -> PETSc.Mat:
-        """Return a matrix with elements at these places."""
-        matrix = PETSc.Mat().create(self._comm)
-        matrix.setSizes(size)
-        matrix.setType(PETSc.Mat.Type.AIJ)
-        matrix.setPreallocationCOO(*coordinates(places))
-        return matrix

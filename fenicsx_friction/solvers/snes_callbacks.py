@@ -11,10 +11,12 @@ from dolfinx.fem.petsc import assign
 
 from ..base.collective import any_rank
 from ..base.keeping import ErrorKeeper
-from ..equations.blocks import Coupling, coordinates
+from ..equations.blocks import Coupling
 from ..equations.contact_terms import ContactTerms, Law
 from ..equations.dependencies import Dependencies
 from ..obstacles.kinematics import Array
+from .block_matrix import BlockMatrix
+from .sparsity import Sparsity
 
 
 class Callbacks:
@@ -59,7 +61,8 @@ class Callbacks:
         self.errors = errors
         self.law: Law | None = None
         self._total: PETSc.Mat | None = None
-        self._elements: PETSc.Mat | None = None
+        self._elements: BlockMatrix | None = None
+        self._sparsity: Sparsity | None = None
         self._pattern: tuple[object, ...] = ()
         self._tangent = tangent
         self._made_of: list[Array] | None = None
@@ -89,16 +92,10 @@ class Callbacks:
         self._destroy()
         if not self._forms.isAssembled():
             self._assemble_forms(x)  # sets its sparsity
-        size = self._forms.getLocalSize()
-        self._elements = PETSc.Mat().create(self._forms.comm)
-        self._elements.setSizes(((size[0], None), (size[1], None)))
-        self._elements.setType(PETSc.Mat.Type.AIJ)
         places = [place for blocks in self._terms.places(law) for place in blocks]
-        rows, cols = coordinates(places)
-        self._elements.setPreallocationCOO(rows, cols)
-        self._elements.setValuesCOO(np.zeros(len(rows)), addv=PETSc.InsertMode.INSERT_VALUES)
-        self._total = self._forms.duplicate(copy=False)
-        self._total.axpy(1.0, self._elements, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self._elements = BlockMatrix(self._forms.getSizes(), places, self._forms.comm)
+        self._sparsity = self._sparsity or Sparsity(self._forms)
+        self._total = self._sparsity.with_that_of(self._elements.matrix)
         self._pattern = pattern
         return True
 
@@ -131,10 +128,9 @@ class Callbacks:
             self._assemble_forms(x)
             assert self.law is not None and self._elements is not None
             matrices = self._terms.matrices(self.law)
-            values = np.concatenate([m.ravel() for blocks in matrices for m in blocks])
-            self._elements.setValuesCOO(values, addv=PETSc.InsertMode.INSERT_VALUES)
+            self._elements.set(block for blocks in matrices for block in blocks)
             J.zeroEntries()
-            for part in (self._forms, self._elements):
+            for part in (self._forms, self._elements.matrix):
                 J.axpy(1.0, part, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             scale = J.createVecLeft()
             scale.array[:] = self._row_scale

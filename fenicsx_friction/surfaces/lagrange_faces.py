@@ -8,11 +8,13 @@ from functools import cached_property
 import basix
 import numpy as np
 import numpy.typing as npt
+import scipy
 from dolfinx import fem
 
 from ..base.errors import ContactInputError
 from .elements import degree_on_facets
 from .face_tables import FaceTables, normals_of
+from .polynomials import Polynomials
 from .surface import ContactSurface
 from .surface_dofs import SurfaceDofs
 
@@ -40,6 +42,7 @@ class LagrangeFaces:
         X: Reference coordinates (m) of the dofs.
         corners: Corners of the patches of a face in its coordinates, in turn: (patches, corners,
             d - 1).
+        polynomials: The shape functions as sums of monomials.
     """
 
     def __init__(self, surface: ContactSurface, V: fem.FunctionSpace) -> None:
@@ -49,6 +52,7 @@ class LagrangeFaces:
         kind, variant = basix.ElementFamily.P, basix.LagrangeVariant.gll_warped
         self._element = basix.create_element(kind, cell, self.degree, variant)
         self._hats = basix.create_element(kind, cell, 1, variant)
+        self.polynomials = Polynomials(self._element)
         points = np.asarray(self._element.points)
         tables = FaceTables(surface, V, (points, np.ones(len(points))))
         faces, order = tables.gathered(), np.argmax(tables.shapes, axis=2)
@@ -104,6 +108,13 @@ class LagrangeFaces:
     def shapes(self, xi: Array) -> Array:
         """Return the shape functions at points of faces: (points, dofs)."""
         return _tabulated(self._element, 0, xi)[0]
+
+    def interpolation(self, face: Indices, shapes: Array) -> scipy.sparse.csr_array:
+        """Return the matrix (points, dofs) of points on faces with these shape functions."""
+        points, dofs = shapes.shape
+        ends = np.arange(0, (points + 1) * dofs, dofs)
+        entries = (shapes.ravel(), np.take(self.dofs, face, axis=0).ravel(), ends)
+        return scipy.sparse.csr_array(entries, shape=(points, len(self.rows)))
 
     def slopes(self, xi: Array) -> Array:
         """Return their derivatives along the coordinates: (points, d - 1, dofs)."""
