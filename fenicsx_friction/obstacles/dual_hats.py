@@ -41,7 +41,8 @@ def dual_hats(faces: LagrangeFaces, points: Segments, hats: Array) -> Array:
     share *= share * (3.0 - 2.0 * share)
     products = np.einsum("p,pi,pj->pij", points.weight, hats, hats)
     ends = np.searchsorted(face, np.arange(number + 1))  # the points are sorted by faces
-    of_face = scipy.sparse.csr_array((np.ones(len(face)), np.arange(len(face)), ends))
+    entries = (np.ones(len(face)), np.arange(len(face)), ends)
+    of_face = scipy.sparse.csr_array(entries, shape=(number, len(face)))
     mass = summed(of_face, products)
     some = share > 0.0
     change = np.tile(np.eye(corners), (number, 1, 1))
