@@ -299,7 +299,7 @@ def test_broken_parts_of_the_preconditioner_are_no_wrong_answers(monkeypatch):
 
     def wrong(*arguments):
         blocks = exact(*arguments)
-        return replace(blocks, springs=0.0 * blocks.springs, slopes=-blocks.slopes)
+        return replace(blocks, roots=0.0 * blocks.roots, slopes=-blocks.slopes)
 
     monkeypatch.setattr(saddle, "node_blocks", wrong)
     body = block("hexahedron", 0.3, "mg_wrong_", linear_solver="multigrid")

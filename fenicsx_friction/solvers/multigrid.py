@@ -167,14 +167,14 @@ class Multigrid:
             self._bulk = self._P = J.createSubMatrix(own, own)
             if self._blocks.coupled:  # springs join nodes that nothing in the bulk joins
                 self._P = self._bulk.duplicate()
-                self._P.axpy(1.0, self._blocks.springs.matrix, structure.DIFFERENT_NONZERO_PATTERN)
+                self._P.axpy(1.0, self._blocks.springs, structure.DIFFERENT_NONZERO_PATTERN)
         else:
             J.createSubMatrix(own, own, self._bulk)
         own.destroy()
         if self._P != self._bulk:
             self._P.zeroEntries()
             self._P.axpy(1.0, self._bulk, structure.SUBSET_NONZERO_PATTERN)
-        self._P.axpy(1.0, self._blocks.springs.matrix, structure.SUBSET_NONZERO_PATTERN)
+        self._P.axpy(1.0, self._blocks.springs, structure.SUBSET_NONZERO_PATTERN)
 
     def _own_rows(self, J: PETSc.Mat) -> PETSc.IS:
         """Return the rows of this rank's displacements."""

@@ -37,7 +37,8 @@ class NodeBlocks:
         forces: Derivatives of the nodal forces by the multipliers.
         slopes: Derivatives of the rows of the law by the displacements.
         inverse: Inverse of the derivatives of these rows by the multipliers, made regular.
-        springs: What the multipliers do to the balance of forces: symmetric, not negative.
+        roots: What the multipliers do to the balance of forces is symmetric and not negative: these
+            times their transposed.
     """
 
     q: Indices
@@ -45,7 +46,7 @@ class NodeBlocks:
     forces: Array
     slopes: Array
     inverse: Array
-    springs: Array
+    roots: Array
 
 
 def node_blocks(
@@ -75,10 +76,21 @@ def node_blocks(
         inverse = np.linalg.inv(regular)
     except np.linalg.LinAlgError:  # one of them is singular
         inverse = np.linalg.pinv(regular)
-    springs = -forces @ inverse @ slopes
-    values, vectors = np.linalg.eigh(0.5 * (springs + springs.transpose(0, 2, 1)))
-    springs = np.einsum("nik,nk,njk->nij", vectors, np.maximum(values, 0.0), vectors)
-    return NodeBlocks(q, c, forces, slopes, inverse, springs)
+    roots = _roots(-forces @ inverse, slopes.transpose(0, 2, 1))
+    return NodeBlocks(q, c, forces, slopes, inverse, roots)
+
+
+def _roots(a: Array, b: Array) -> Array:
+    """Return roots of the positive parts of ``(a b^T + b a^T) / 2``, (nodes, rows, rank).
+
+    The matrices have many rows and few columns: the products would be large.
+    """
+    columns = a.shape[2]
+    across, small = np.linalg.qr(np.concatenate([a, b], axis=2))
+    product = 0.5 * small[:, :, :columns] @ small[:, :, columns:].transpose(0, 2, 1)
+    values, vectors = np.linalg.eigh(product + product.transpose(0, 2, 1))
+    roots = across @ vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+    return np.asarray(roots)
 
 
 def _regular(by_c: Array, by_own: Array, forces: Array, share: Array) -> Array:

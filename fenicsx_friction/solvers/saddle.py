@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -54,6 +57,8 @@ class SaddleBlocks:
         self.motions = slice(before, before + self.num_q)
         self.first_row = int(self._starts[self._comm.rank])
         self.forces: BlockMatrix | None = None
+        self._transposed: PETSc.Mat | None = None
+        self.springs: PETSc.Mat | None = None
         self._parts: list[NodeBlocks] = []
 
     @property
@@ -71,8 +76,10 @@ class SaddleBlocks:
         self._parts = [node_blocks(*coupling, self._d) for coupling in couplings]
         if self.forces is None:
             self._allocate()
-        for name in ("forces", "slopes", "springs"):
-            getattr(self, name).set(getattr(part, name) for part in self._parts)
+        for name in ("forces", "slopes", "_roots"):
+            getattr(self, name).set(getattr(part, name.strip("_")) for part in self._parts)
+        self._transposed = self._roots.matrix.transpose(self._transposed or PETSc.Mat())
+        self.springs = self._roots.matrix.matMult(self._transposed, self.springs)
 
     def multipliers(self, rows: Array) -> Array:
         """Return the multipliers that rows of the law give where nothing moves; of this rank."""
@@ -84,9 +91,12 @@ class SaddleBlocks:
     def destroy(self) -> None:
         """Free the matrices."""
         if self.forces is not None:
-            for matrix in (self.forces, self.slopes, self.springs):
-                matrix.destroy()
-        self.forces = None
+            for part in (self.forces, self.slopes, self._roots):
+                part.destroy()
+            for matrix in (self._transposed, self.springs):
+                if matrix is not None:
+                    matrix.destroy()
+        self.forces = self._transposed = self.springs = None
 
     def _allocate(self) -> None:
         """Make the matrices for the stencils of now."""
@@ -98,7 +108,15 @@ class SaddleBlocks:
         self._own = [numbers - self._c_starts[self._comm.rank] for numbers in c]
         u_size, c_size = (self.num_u, None), (self.num_c, None)
         self.slopes = BlockMatrix((c_size, u_size), list(zip(c, q, strict=True)), self._comm)
-        self.springs = BlockMatrix((u_size, u_size), list(zip(q, q, strict=True)), self._comm)
+        sizes = [part.roots.shape[::2] for part in self._parts]
+        ends = np.cumsum([0, *(n * rank for n, rank in sizes)])
+        r_size = (int(ends[-1]), None)
+        first = self._comm.scan(r_size[0]) - r_size[0]
+        r = [
+            first + np.arange(*of_part).reshape(shape)
+            for of_part, shape in zip(itertools.pairwise(ends), sizes, strict=True)
+        ]
+        self._roots = BlockMatrix((u_size, r_size), list(zip(q, r, strict=True)), self._comm)
         self.forces = BlockMatrix((u_size, c_size), list(zip(q, c, strict=True)), self._comm)
 
     def _numbered(self, rows: Indices, starts: Indices, before: Indices) -> Indices:
