@@ -11,7 +11,7 @@ from dolfinx.fem.petsc import assign
 
 from ..base.collective import any_rank
 from ..base.keeping import ErrorKeeper
-from ..equations.blocks import Coupling
+from ..equations.blocks import Blocks, Coupling
 from ..equations.contact_terms import ContactTerms, Law
 from ..equations.dependencies import Dependencies
 from ..obstacles.kinematics import Array
@@ -64,6 +64,7 @@ class Callbacks:
         self._elements: BlockMatrix | None = None
         self._sparsity: Sparsity | None = None
         self._pattern: tuple[object, ...] = ()
+        self._blocks: list[Blocks[Array]] | None = None
         self._tangent = tangent
         self._made_of: list[Array] | None = None
 
@@ -100,11 +101,11 @@ class Callbacks:
         return True
 
     def couplings(self) -> list[Coupling]:
-        """Return places, values and softness of the blocks of each contact, as they are now."""
+        """Return places, values and softness of the blocks of each contact, of the Jacobian."""
         assert self.law is not None
         law, terms = self.law, self._terms
-        parts = (terms.places(law), terms.matrices(law), terms.softness())
-        return list(zip(*parts, strict=True))
+        blocks = terms.matrices(law) if self._blocks is None else self._blocks
+        return list(zip(terms.places(law), blocks, terms.softness(), strict=True))
 
     def evaluate(self, x: PETSc.Vec, b: PETSc.Vec, law: Law) -> None:
         """Evaluate the residual of a substep; no matrix is made."""
@@ -114,6 +115,7 @@ class Callbacks:
     def _call_residual(self, snes: PETSc.SNES | None, x: PETSc.Vec, b: PETSc.Vec) -> None:
         """Assemble the residual with scaled rows."""
         with self.errors():
+            self._blocks = None  # those of another iterate
             self._follow(x)
             self._form_residual(x, b)
             assert self.law is not None
@@ -127,8 +129,8 @@ class Callbacks:
             self._follow(x)
             self._assemble_forms(x)
             assert self.law is not None and self._elements is not None
-            matrices = self._terms.matrices(self.law)
-            self._elements.set(block for blocks in matrices for block in blocks)
+            self._blocks = self._terms.matrices(self.law)
+            self._elements.set(block for blocks in self._blocks for block in blocks)
             J.zeroEntries()
             for part in (self._forms, self._elements.matrix):
                 J.axpy(1.0, part, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
