@@ -115,6 +115,19 @@ def frames(values: Array, d: int) -> Array:
     return np.stack([normal, first[0], np.cross(normal, first[0])], axis=1)
 
 
+class LastFrames:
+    """Gives the frames again as long as the values are the same: many ask for them in turn."""
+
+    def __init__(self) -> None:
+        self._last: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
+
+    def __call__(self, values: Array, d: int) -> Array:
+        """Return what :func:`frames` returns, not to be changed."""
+        if not np.array_equal(self._last[0], values):
+            self._last = values.copy(), frames(values, d)
+        return self._last[1]
+
+
 def frame_slopes(values: Array, slopes: Array, d: int) -> Array:
     """Return the derivatives of the frames, (nodes, d, d, z), from those of the field."""
     normal, *first = (values[:, slice(*where)] for where in slices(d)[2:-1])

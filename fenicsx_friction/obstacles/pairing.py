@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..surfaces.faces import surface_normals
-from .kinematics import Array, Kinematics, frame_slopes, frames, kinematic_field, slices
+from .kinematics import Array, Kinematics, LastFrames, frame_slopes, kinematic_field, slices
 from .rigid_body import RigidBody
 from .side import Side
 from .view import View
@@ -52,7 +52,7 @@ class Pairing(ABC):
 
     def __init__(self, side: Side) -> None:
         self.side, self.field = side, kinematic_field(side.surface)
-        self.kinematics = Kinematics.of(self.field, side.d)
+        self.kinematics, self._frames_of = Kinematics.of(self.field, side.d), LastFrames()
 
     # -- kinematics ------------------------------------------------------------------------------
 
@@ -156,7 +156,7 @@ class Pairing(ABC):
 
     def frames(self) -> Array:
         """Return the frames ``(n, e_1[, e_2])``, (nodes, d, d); collective."""
-        return frames(self.values(), self.side.d)
+        return self._frames_of(self.values(), self.side.d)
 
     def traction(self) -> Array:
         """Return the tractions of the multipliers in global axes (Pa); collective."""

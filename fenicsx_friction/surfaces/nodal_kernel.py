@@ -170,8 +170,8 @@ class _Copies(Lifter):
     def refresh(self) -> int:
         """Copy the values of now; return a number that changes with them; collective."""
         for kept, source in self._sources:
-            now = np.ravel(source())
-            if now.size and (kept != now).any():
+            now = source().ravel()
+            if now.size and np.count_nonzero(kept != now):  # faster than any
                 self._version += 1  # first, for an interrupt may come
                 kept[:] = now
         return self._version
