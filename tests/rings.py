@@ -12,7 +12,7 @@ from bodies import box, joined
 from models import tagged_facets
 
 
-def half_ring(name, mu=0.3, method="mortar", refine=1):
+def half_ring(name, mu=0.3, method="mortar", refine=1, *, hole=False):
     """Press a half ring (radius 1, E = 1000) on a block (E = 100) much wider, both neo-Hookean.
 
     Args:
@@ -20,6 +20,7 @@ def half_ring(name, mu=0.3, method="mortar", refine=1):
         mu: Coefficient of friction.
         method: How the ring meets the block.
         refine: Times as many cells in each direction.
+        hole: Whether the two faces under the ring's middle are no part of the block's surface.
 
     Returns:
         The problem, and the displacement of the ring's ends, a Constant: they are 0.1 down.
@@ -33,7 +34,7 @@ def half_ring(name, mu=0.3, method="mortar", refine=1):
     tags = tagged_facets(
         msh,
         lambda x: np.isclose(np.hypot(x[0], x[1] - 1.0), 1.0) & (x[1] < 0.7),
-        lambda x: np.isclose(x[1], 0.0) & (abs(x[0]) > 1e-9),
+        lambda x: np.isclose(x[1], 0.0) & ((abs(x[0]) > 1e-9) | (not hole)),
         lambda x: np.isclose(x[1], -1.0),
         lambda x: np.isclose(x[1], 1.0) & (abs(x[0]) < 1.01),
     )

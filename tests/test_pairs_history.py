@@ -12,6 +12,7 @@ import fenicsx_friction as ff
 from bodies import stack
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
 from fenicsx_friction.increment import snapshot as state
+from fenicsx_friction.increment.searching import search
 from fenicsx_friction.obstacles.node_to_face import NodeToFace
 from fenicsx_friction.obstacles.pair_kernel import PairGeometry, PairKernel
 from fenicsx_friction.obstacles.search import SearchPolicy, find_pairs
@@ -19,6 +20,7 @@ from fenicsx_friction.surfaces.face_cells import FACE_CELLS
 from fenicsx_friction.surfaces.faces import FaceSet
 from models import tagged_facets
 from rectangles import everywhere
+from rings import half_ring
 from shapes import lid, outline
 
 SLIDING = {
@@ -305,3 +307,37 @@ def faces_of_a_box(unit, shift):
     msh.geometry.x[:] = unit * msh.geometry.x + np.array([shift, 0.0, 0.0])
     u = fem.Function(fem.functionspace(msh, ("Lagrange", 1, (3,))))
     return FaceSet(ff.ContactSurface(msh, tags, 1), u)
+
+
+# -- nodes that are let go ------------------------------------------------------------------------
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("method", ["node-to-face", "mortar"])
+def test_who_meets_nothing_any_more_carries_nothing(method):
+    """A pressure left there would be a closed node whose gap nothing changes: a singular matrix."""
+    model = stack(0.0, f"alone_{method}_", method=method, **SLIDING)
+    model.move(0.0, -0.01)
+    model.problem.solve()
+    contact = model.contact
+    contact.c.x.array[:] *= 1e6  # a wild iterate: more than what opens it at the search's reach
+    nodes = contact.surface.parent_dofs(model.problem.u.function_space)
+    model.problem.u.x.array.reshape(-1, 2)[nodes, 0] += 9.0
+    assert search([contact])
+    assert not np.any(contact.pairing.meeting())
+    assert np.all(contact.c.x.array == 0.0)
+
+
+@pytest.mark.serial
+def test_a_ring_slides_over_a_hole_in_the_surface():
+    """Nodes lose what they met in the middle of a solve, and find it again."""
+    problem, top = half_ring("hole_", 0.5, refine=2, hole=True)
+    solves = []
+    for k in range(1, 5):
+        top.value[:] = (0.025 * k, -0.1)
+        report = problem.solve()
+        solves.append(report.iterations)
+    force = report.contacts[0].force
+    # In full slip; what is missing to mu is the strain of the block's surface.
+    assert -force[0] == pytest.approx(0.5 * force[1], rel=0.03)
+    assert max(solves) <= 70  # 183 with singular matrices

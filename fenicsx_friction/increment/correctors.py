@@ -14,6 +14,7 @@ from ..contact.slip_corrector import freeze_stick, has_false_root
 from ..solvers.report import SubstepReport
 from . import snapshot
 from .predictor import STAGE_TOLERANCE, expected_traction, newton_tolerance, predict
+from .searching import search
 from .smoothing import smooth
 from .system import ContactSystem
 
@@ -95,12 +96,12 @@ def correct(
     reports = predict(system, eps, attempt.predictor_iterations)
     if attempt.corrector == "ramp":
         reports += _ramp(system, attempt, eps)
-    pairings = [k.pairing for k in system.contacts if k.pairing.early]
-    if roughly and pairings:
+    early = [k for k in system.contacts if k.pairing.early]
+    if roughly and early:
         reports.append(polish(system, replace(attempt, max_it=attempt.first_look), roughly=True))
         if reports[-1].converged:
             return reports
-        if any([pairing.search() for pairing in pairings]):
+        if search(early):
             tell(system.comm, logging.DEBUG, "first look: nodes meet other faces")
     return [*reports, polish(system, attempt, roughly=roughly)]
 
@@ -190,8 +191,7 @@ def _continue(system: ContactSystem, forces: float) -> list[SubstepReport]:
         reports.append(report)
         if report.converged:
             t, dt = t + dt, dt * 2.0
-            for k in system.contacts:
-                k.pairing.search()  # it may slide over many faces
+            search(system.contacts)  # it may slide over many faces
         else:
             snapshot.restore(system.state, good)
             dt /= 4.0

@@ -19,6 +19,7 @@ from .crossed import crossed_nodes
 from .extrapolation import extrapolate
 from .rebalance import NOT_BALANCED, rebalance
 from .report import StepReport
+from .searching import search
 from .system import ContactSystem
 from .totals import totals_of_bodies
 
@@ -161,7 +162,7 @@ def _close(system: ContactSystem, *, again: bool) -> None:
 
 def _meets_others(system: ContactSystem) -> bool:
     """Tell whether nodes meet other faces by now, as those of a tool that has moved; collective."""
-    if not any([k.pairing.search() for k in system.contacts]):
+    if not search(system.contacts):
         return False
     for k in system.contacts:
         k.anchor()
@@ -195,7 +196,7 @@ def _settle(system: ContactSystem, attempt: Attempt, *, roughly: bool) -> list[S
         k.pairing.begin_search()
     for searched in range(MAX_SEARCHES):
         again = roughly
-        changed = any([k.pairing.search() for k in system.contacts])
+        changed = search(system.contacts)
         if not (changed or again) or searched == MAX_SEARCHES - 1:
             break
         if changed:
