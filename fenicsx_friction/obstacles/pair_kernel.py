@@ -20,7 +20,8 @@ import ufl
 from ufl.core.expr import Expr
 
 from ..surfaces.face_cells import Array, FaceCell, newton_step, weighted
-from ..surfaces.nodal_kernel import Points, variable
+from ..surfaces.nodal_kernel import variable
+from ..surfaces.points import Points
 from .kinematics import entries, slices
 
 

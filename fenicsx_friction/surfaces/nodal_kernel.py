@@ -11,16 +11,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from mpi4py import MPI
-
-import basix.ufl
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import default_scalar_type, fem, mesh
+from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh
-from ufl.algorithms import expand_derivatives, extract_coefficients
-from ufl.algorithms.analysis import extract_constants
+from ufl.algorithms import expand_derivatives
 from ufl.classes import (
     Derivative,
     Expr,
@@ -31,9 +27,9 @@ from ufl.classes import (
 )
 from ufl.domain import extract_domains
 
-from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from ..base.literals import Lifter
+from .points import Points, points_of
 
 Array = npt.NDArray[np.floating]
 
@@ -65,40 +61,6 @@ class Sites(Protocol):
         """Return what evaluates an expression at the points, one row a point; collective."""
 
 
-class Points:
-    """A mesh of points and Functions on it that hold a vector for each.
-
-    Args:
-        number: Number of points of this rank.
-    """
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        self.mesh = mesh.create_point_mesh(MPI.COMM_SELF, np.zeros((max(number, 1), 3)))
-        self.cells = np.arange(max(number, 1), dtype=np.int32)
-
-    def function(self, shape: tuple[int, ...]) -> fem.Function:
-        """Return a Function with an array of numbers for each point."""
-        element = basix.ufl.element("DG", "point", 0, shape=shape)
-        return fem.Function(fem.functionspace(self.mesh, element))
-
-    def expression(self, values: Expr, comm: MPI.Intracomm) -> Callable[[], Array]:
-        """Compile an expression; returns what evaluates it, one row a point.
-
-        Derivatives by what :func:`variable` returns may be left in it: FFCx expands them where
-        it has no compiled form.
-        """
-        if not extract_coefficients(values) and not extract_constants(values):  # of no mesh
-            values = values + fem.Constant(self.mesh, np.zeros(values.ufl_shape))
-        made = compiled(fem.Expression, comm)(values, np.zeros((1, 0)), comm=comm)
-
-        def evaluate() -> Array:
-            """Evaluate at all points."""
-            return np.asarray(made.eval(self.mesh, self.cells)[: self.number, 0])
-
-        return evaluate
-
-
 def variable(f: Expr, number: int) -> Expr:
     """Return a variable to differentiate by, whose label is the same in each run.
 
@@ -121,7 +83,7 @@ class NodalKernel:
     """
 
     def __init__(self, sites: Sites, values: Expr, by: Sequence[fem.Function] = ()) -> None:
-        self._points, comm = Points(sites.num_owned), sites.mesh.comm
+        self._points, comm = points_of(sites, sites.num_owned), sites.mesh.comm
         self._copies = copies = _Copies(sites, self._points)
         at_points = copies(expand_derivatives(values))
         self._sizes = [(len(values), 1)]
