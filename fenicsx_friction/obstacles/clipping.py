@@ -85,11 +85,7 @@ def clipped(subject: Array, clip: Array) -> tuple[Array, Indices]:
     Returns:
         Corners, padded; and their numbers, zero where there is nothing in common.
     """
-    pairs, corners, _ = subject.shape
-    most = corners + clip.shape[1]
-    polygon = np.zeros((pairs, most, 2))
-    polygon[:, :corners] = subject
-    number = np.full(pairs, corners)
+    polygon, number = subject, np.full(len(subject), subject.shape[1])
     for a, b in zip(
         clip.transpose(1, 0, 2), np.roll(clip, -1, axis=1).transpose(1, 0, 2), strict=True
     ):
@@ -98,9 +94,13 @@ def clipped(subject: Array, clip: Array) -> tuple[Array, Indices]:
 
 
 def _cut(polygon: Array, number: Indices, a: Array, edge: Array) -> tuple[Array, Indices]:
-    """Keep what is left of a line through ``a``."""
-    pairs, most, _ = polygon.shape
-    place = np.arange(most)
+    """Keep what is left of a line through ``a``; with as much room as the largest rest needs.
+
+    Edges that coincide up to rounding may cross the line more than twice, and leave more corners
+    than a convex polygon has.
+    """
+    pairs, corners, _ = polygon.shape
+    place = np.arange(corners)
     there = place < number[:, None]
     following = np.where(place + 1 < number[:, None], place + 1, 0)
     ahead = np.take_along_axis(polygon, following[:, :, None], axis=1)
@@ -111,10 +111,11 @@ def _cut(polygon: Array, number: Indices, a: Array, edge: Array) -> tuple[Array,
     share = left / np.where(crosses, left - left_ahead, 1.0)
     between = polygon + share[:, :, None] * (ahead - polygon)
     # Each corner that stays is followed by the point where the boundary crosses the line.
-    points = np.stack([polygon, between], axis=2).reshape(pairs, 2 * most, 2)
-    kept = np.stack([there & inside, crosses], axis=2).reshape(pairs, 2 * most)
-    order = np.argsort(~kept, axis=1, kind="stable")[:, :most]
-    return np.take_along_axis(points, order[:, :, None], axis=1), kept.sum(axis=1)
+    points = np.stack([polygon, between], axis=2).reshape(pairs, 2 * corners, 2)
+    kept = np.stack([there & inside, crosses], axis=2).reshape(pairs, 2 * corners)
+    number = kept.sum(axis=1)
+    order = np.argsort(~kept, axis=1, kind="stable")[:, : max(int(number.max(initial=0)), 1)]
+    return np.take_along_axis(points, order[:, :, None], axis=1), number
 
 
 def _turned(polygons: Array) -> Array:

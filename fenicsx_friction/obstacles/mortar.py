@@ -7,6 +7,7 @@ they do not change.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from mpi4py import MPI
@@ -14,6 +15,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from ..base.collective import on_all_ranks
 from ..surfaces.surface import ContactSurface
 from .averaged import DEEP, Averaged
 from .dual_hats import weights_of
@@ -21,7 +23,6 @@ from .edges import Edges
 from .facing import Facing, Positions
 from .kinematics import Array
 from .mortar_element import MortarElement
-from .old_points import points_before
 from .pairing import Mask
 from .search import SearchPolicy
 from .segments import Segments, find_segments
@@ -29,9 +30,8 @@ from .shares import find_shares
 from .side import Side
 from .two_bodies import Indices, TwoBodies
 
-#: The surfaces see the same as long as no node moves by more than this fraction of a face. A
-#: smaller one would let the points on warped faces go to and fro: where edges of both surfaces
-#: fall on each other, they depend on rounding.
+#: The surfaces see the same as long as no node moves by more than this fraction of a face. By less,
+#: points on warped faces go to and fro: where edges fall on each other, they depend on rounding.
 STILL = 1e-6
 
 
@@ -65,8 +65,6 @@ class Mortar(Averaged, TwoBodies):
         self._edges = Edges(primary.mesh.comm, self._facing.secondary, self._secondary.own)
         self._last_version = 0
         self.anchor()
-
-    # -- kinematics ------------------------------------------------------------------------------
 
     def _fill(self, rows: Array) -> None:
         """Average over the points."""
@@ -169,23 +167,24 @@ class Mortar(Averaged, TwoBodies):
         return True
 
     def _see(self, x: Positions) -> Segments:
-        """Return what the patches of this rank's nodes see."""
-        reach = self.policy.distance(self.faces)
-        return find_segments(self._facing, x, reach, self._wanted)
+        """Return what the patches of this rank's nodes see; collective."""
+        see = partial(find_segments, self._facing, x, self.policy.distance(self.faces))
+        return on_all_ranks(self.primary.mesh.comm, partial(see, self._wanted))
 
     def _take(self, points: Segments, x: Positions, kept: Mask) -> None:
         """Average over these points, found at these positions, from now on; collective."""
-        self._seen_at = x
+        comm = self.primary.mesh.comm
+        element = on_all_ranks(comm, partial(self._averaged, points, kept))
+        element.widen(comm.allreduce(element.stencil.shape[1], MPI.MAX))
+        self._element, self._seen_at, self._inputs_before = element, x, None
+        self.version = self._last_version = self._last_version + 1
+
+    def _averaged(self, points: Segments, kept: Mask) -> MortarElement:
+        """Return the averages of this rank's nodes over points."""
         secondary, own = self._facing.secondary, self._secondary.own
         face, weights = secondary.face_of(points.patch), weights_of(secondary, points)
         every = find_shares(secondary.nodes, face, weights, self._full, kept)
-        shares, used = every.of_nodes(own).renumbered()
-        points = points.take(used)
-        old = points_before(self._facing, points, *self._start)
-        element = MortarElement(self._facing, points, old, shares, self._own)
-        element.widen(self.primary.mesh.comm.allreduce(element.stencil.shape[1], MPI.MAX))
-        self._element, self._inputs_before = element, None
-        self.version = self._last_version = self._last_version + 1
+        return MortarElement.over(self._facing, points, self._start, every.of_nodes(own), self._own)
 
     def save(self) -> object:
         """Return what a step changes here."""

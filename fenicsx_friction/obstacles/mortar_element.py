@@ -18,6 +18,7 @@ from .facing import Facing, Positions
 from .kinematics import slices
 from .mortar_groups import Groups
 from .mortar_turning import PointForces, Turning
+from .old_points import points_before
 from .rays import cast, duals
 from .segments import Segments
 from .shares import Shares
@@ -59,6 +60,29 @@ class MortarElement:
         self._sums = groups.corners.gaps(np.ones(len(points.patch)))
         self._found_duals: Array | None = None
         self._acted: tuple[Array, Array] | None = None
+
+    @classmethod
+    def over(
+        cls,
+        facing: Facing,
+        points: Segments,
+        before: tuple[Positions, Segments],
+        shares: Shares,
+        own: Indices,
+    ) -> MortarElement:
+        """Return the averages over those of the points that have shares.
+
+        Args:
+            facing: The two surfaces.
+            points: The points.
+            before: Positions at the last accepted displacement, and what was seen there.
+            shares: Shares of the points in the averages of this rank's nodes.
+            own: Place of each node's own dof.
+        """
+        shares, used = shares.renumbered()
+        points = points.take(used)
+        old = points_before(facing, points, *before)
+        return cls(facing, points, old, shares, own)
 
     @property
     def stencil(self) -> Indices:
