@@ -37,6 +37,7 @@ class SaddleBlocks:
         num_motions: How many these are.
         forces: Matrix: what multipliers do to the balance of forces.
         slopes: Matrix: what displacements do in the rows of the law.
+        roots: Matrix: the roots of the springs.
         springs: Matrix: the balance of forces when the multipliers are eliminated, without bulk.
     """
 
@@ -76,10 +77,10 @@ class SaddleBlocks:
         self._parts = [node_blocks(*coupling, self._d) for coupling in couplings]
         if self.forces is None:
             self._allocate()
-        for name in ("forces", "slopes", "_roots"):
-            getattr(self, name).set(getattr(part, name.strip("_")) for part in self._parts)
-        self._transposed = self._roots.matrix.transpose(self._transposed or PETSc.Mat())
-        self.springs = self._roots.matrix.matMult(self._transposed, self.springs)
+        for name in ("forces", "slopes", "roots"):
+            getattr(self, name).set(getattr(part, name) for part in self._parts)
+        self._transposed = self.roots.matrix.transpose(self._transposed or PETSc.Mat())
+        self.springs = self.roots.matrix.matMult(self._transposed, self.springs)
 
     def multipliers(self, rows: Array) -> Array:
         """Return the multipliers that rows of the law give where nothing moves; of this rank."""
@@ -91,7 +92,7 @@ class SaddleBlocks:
     def destroy(self) -> None:
         """Free the matrices."""
         if self.forces is not None:
-            for part in (self.forces, self.slopes, self._roots):
+            for part in (self.forces, self.slopes, self.roots):
                 part.destroy()
             for matrix in (self._transposed, self.springs):
                 if matrix is not None:
@@ -116,7 +117,7 @@ class SaddleBlocks:
             first + np.arange(*of_part).reshape(shape)
             for of_part, shape in zip(itertools.pairwise(ends), sizes, strict=True)
         ]
-        self._roots = BlockMatrix((u_size, r_size), list(zip(q, r, strict=True)), self._comm)
+        self.roots = BlockMatrix((u_size, r_size), list(zip(q, r, strict=True)), self._comm)
         self.forces = BlockMatrix((u_size, c_size), list(zip(q, c, strict=True)), self._comm)
 
     def _numbered(self, rows: Indices, starts: Indices, before: Indices) -> Indices:

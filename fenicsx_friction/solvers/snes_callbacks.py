@@ -16,7 +16,7 @@ from ..equations.contact_terms import ContactTerms, Law
 from ..equations.dependencies import Dependencies
 from ..obstacles.kinematics import Array
 from .block_matrix import BlockMatrix
-from .sparsity import Sparsity
+from .sparsity import zeros_of_both
 
 
 class Callbacks:
@@ -62,7 +62,6 @@ class Callbacks:
         self.law: Law | None = None
         self._total: PETSc.Mat | None = None
         self._elements: BlockMatrix | None = None
-        self._sparsity: Sparsity | None = None
         self._pattern: tuple[object, ...] = ()
         self._blocks: list[Blocks[Array]] | None = None
         self._tangent = tangent
@@ -95,8 +94,7 @@ class Callbacks:
             self._assemble_forms(x)  # sets its sparsity
         places = [place for blocks in self._terms.places(law) for place in blocks]
         self._elements = BlockMatrix(self._forms.getSizes(), places, self._forms.comm)
-        self._sparsity = self._sparsity or Sparsity(self._forms)
-        self._total = self._sparsity.with_that_of(self._elements.matrix)
+        self._total = zeros_of_both(self._forms, self._elements.matrix)
         self._pattern = pattern
         return True
 
