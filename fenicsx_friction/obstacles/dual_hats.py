@@ -15,10 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import scipy
 
 from ..surfaces.lagrange_faces import LagrangeFaces
-from .mortar_groups import summed
+from .mortar_groups import adder, summed
 from .segments import Segments
 
 Array = npt.NDArray[np.floating]
@@ -40,10 +39,7 @@ def dual_hats(faces: LagrangeFaces, points: Segments, hats: Array) -> Array:
     share = np.clip((covered / faces.areas - HATS) / (DUAL - HATS), 0.0, 1.0)
     share *= share * (3.0 - 2.0 * share)
     products = np.einsum("p,pi,pj->pij", points.weight, hats, hats)
-    ends = np.searchsorted(face, np.arange(number + 1))  # the points are sorted by faces
-    entries = (np.ones(len(face)), np.arange(len(face)), ends)
-    of_face = scipy.sparse.csr_array(entries, shape=(number, len(face)))
-    mass = summed(of_face, products)
+    mass = summed(adder(face, number), products)
     some = share > 0.0
     change = np.tile(np.eye(corners), (number, 1, 1))
     integrals = mass[some].sum(axis=2)

@@ -82,6 +82,12 @@ class Sums:
         return summed(self.of_slip, values)
 
 
+def adder(group: Indices, number: int) -> scipy.sparse.csr_array:
+    """Return the matrix that adds rows up over so many groups, from the group of each row."""
+    entries = (np.ones(len(group)), (group, np.arange(len(group))))
+    return scipy.sparse.csr_array(entries, shape=(number, len(group)))
+
+
 def summed(matrix: scipy.sparse.csr_array, values: Array) -> Array:
     """Return a matrix times arrays of any shape."""
     flat = matrix @ values.reshape(len(values), math.prod(values.shape[1:]))
@@ -152,9 +158,7 @@ class Groups:
     @cached_property
     def to_node(self) -> scipy.sparse.csr_array:
         """Adds corners to nodes."""
-        number = len(self.corners.node)
-        entries = (np.ones(number), (self.corners.node, np.arange(number)))
-        return scipy.sparse.csr_array(entries, shape=(self._num_nodes, number))
+        return adder(self.corners.node, self._num_nodes)
 
     def on_stencils(self, group: int, blocks: Array) -> Array:
         """Add blocks of groups (0 corners, 1 couples, 2 old ones) up: (nodes, stencil, ...)."""
@@ -167,7 +171,5 @@ class Groups:
         """Adds rows of the dofs of groups to rows of the stencils, once these have their width."""
         (n, m), found = self.stencil.shape, []
         for node, places in zip(self._nodes, self.places, strict=True):
-            rows = (node[:, None] * m + places).ravel()
-            entries = (np.ones(len(rows)), (rows, np.arange(len(rows))))
-            found.append(scipy.sparse.csr_array(entries, shape=(n * m, len(rows))))
+            found.append(adder((node[:, None] * m + places).ravel(), n * m))
         return found

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import scipy
 
 from .facing import Facing
-from .mortar_groups import Groups, summed
+from .mortar_groups import Groups, adder, summed
 from .segments import Segments
 
 Array = npt.NDArray[np.floating]
@@ -116,8 +116,7 @@ class Turning:
 def _adder(keys: Indices) -> tuple[Indices, scipy.sparse.csr_array]:
     """Return the keys that there are, and what adds rows up over them."""
     found, inverse = np.unique(keys, return_inverse=True)
-    entries = (np.ones(len(keys)), (inverse.ravel(), np.arange(len(keys))))
-    return found, scipy.sparse.csr_array(entries, shape=(len(found), len(keys)))
+    return found, adder(inverse.ravel(), len(found))
 
 
 def _as_matrices(blocks: Array) -> Array:

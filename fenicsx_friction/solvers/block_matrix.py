@@ -34,7 +34,7 @@ class BlockMatrix:
         self.matrix = PETSc.Mat().create(comm)
         self.matrix.setSizes(sizes)
         self.matrix.setType(PETSc.Mat.Type.AIJ)
-        rows, columns = coordinates(places)
+        rows, columns = _coordinates(places)
         keys = rows * (np.max(columns, initial=0) + 1) + columns
         order = np.argsort(keys, kind="stable")
         self._order = order[np.searchsorted(keys, 0, sorter=order) :]
@@ -60,7 +60,7 @@ class BlockMatrix:
         self.matrix.destroy()
 
 
-def coordinates(places: Sequence[Places]) -> tuple[npt.NDArray, npt.NDArray]:
+def _coordinates(places: Sequence[Places]) -> tuple[npt.NDArray, npt.NDArray]:
     """Return row and column of each entry of all blocks, both -1 for those that are left out."""
     shapes = [(*r.shape, c.shape[1]) for r, c in places]
     i, j = (np.empty(sum(map(np.prod, shapes)), dtype=np.int64) for _ in range(2))

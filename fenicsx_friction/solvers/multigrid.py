@@ -23,6 +23,7 @@ from .border import Border
 from .options import inside, refused, set_up
 from .rigid_modes import rigid_modes
 from .saddle import SaddleBlocks
+from .sparsity import zeros_of_both
 
 Array = npt.NDArray[np.floating]
 
@@ -166,8 +167,7 @@ class Multigrid:
         if self._cycle is None:
             self._bulk = self._P = J.createSubMatrix(own, own)
             if self._blocks.coupled:  # springs join nodes that nothing in the bulk joins
-                self._P = self._bulk.duplicate()
-                self._P.axpy(1.0, self._blocks.springs, structure.DIFFERENT_NONZERO_PATTERN)
+                self._P = zeros_of_both(self._bulk, self._blocks.springs)
         else:
             J.createSubMatrix(own, own, self._bulk)
         own.destroy()
