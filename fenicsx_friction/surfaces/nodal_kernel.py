@@ -25,6 +25,7 @@ from ufl.classes import (
     SpatialCoordinate,
     Variable,
 )
+from ufl.corealg.traversal import unique_pre_traversal
 from ufl.domain import extract_domains
 
 from ..base.errors import ContactInputError
@@ -84,13 +85,12 @@ class NodalKernel:
 
     def __init__(self, sites: Sites, values: Expr, by: Sequence[fem.Function] = ()) -> None:
         self._points, comm = points_of(sites, sites.num_owned), sites.mesh.comm
-        self._copies = copies = _Copies(sites, self._points)
-        at_points = copies(expand_derivatives(values))
+        self._copies = copies = _Copies(sites, self._points, by)
+        at_points = copies(_without_derivatives(values))
         self._sizes = [(len(values), 1)]
         entries = _entries(at_points)
-        for i, f in enumerate(by):
-            of = variable(copies(f), i)
-            entries += _entries(ufl.diff(ufl.replace(at_points, {copies(f): of}), of))
+        for f in by:
+            entries += _entries(ufl.diff(at_points, copies(f)))
             self._sizes.append((len(values), int(np.prod(f.ufl_shape, dtype=int))))
         # All in one, for the compiler is slow, and the nodes of a surface are few.
         self._evaluate = self._points.expression(ufl.as_vector(entries), comm)
@@ -122,10 +122,14 @@ class NodalKernel:
 
 
 class _Copies(Lifter):
-    """Copies terminals and numbers to the mesh of points; ``refresh`` copies their values."""
+    """Copies terminals and numbers to the mesh of points; ``refresh`` copies their values.
 
-    def __init__(self, sites: Sites, points: Points) -> None:
+    The copies of the Functions to differentiate by are variables.
+    """
+
+    def __init__(self, sites: Sites, points: Points, by: Sequence[fem.Function]) -> None:
         super().__init__(points.mesh)
+        self._numbers = {f: i for i, f in enumerate(by)}
         self._sites, self._points, self._version = sites, points, 1
         self._sources: list[tuple[Array, Callable[[], Array]]] = []
 
@@ -145,7 +149,8 @@ class _Copies(Lifter):
             self._sources.append((copy.value.reshape(-1), lambda: o.value))
             return copy
         if isinstance(o, fem.Function):
-            return self._field(o, self._sites.reader(o))
+            field = self._field(o, self._sites.reader(o))
+            return variable(field, self._numbers[o]) if o in self._numbers else field
         if isinstance(o, SpatialCoordinate):
             return self._field(o, lambda: self._sites.x[:, : o.ufl_shape[0]])
         if isinstance(o, (GeometricQuantity, Derivative)):
@@ -168,6 +173,12 @@ class _Copies(Lifter):
         source = values or self._sites.evaluator(ufl.as_vector(_entries(o)))
         self._sources.append((copy.x.array, source))
         return copy
+
+
+def _without_derivatives(o: Expr) -> Expr:
+    """Return an expression with derivatives carried out, as far as there are any."""
+    found = any(isinstance(part, Derivative) for part in unique_pre_traversal(o))
+    return expand_derivatives(o) if found else o
 
 
 def _entries(o: Expr) -> list[Expr]:
