@@ -60,6 +60,7 @@ class Certificate:
         drowned: Whether the residual of some body or contact is only rounding, but more of it than
             may pass.
         crossed: Number of contacts with nodes that went through the obstacle within the step.
+        adrift: Number of rigid bodies that have moved in a direction in which nothing holds them.
     """
 
     normal_map: float
@@ -84,6 +85,7 @@ class Certificate:
     tolerance: float
     certifiable: bool = True
     crossed: int = 0
+    adrift: int = 0
     drowned: bool = False
 
     @property
@@ -100,9 +102,10 @@ class Certificate:
 
     @property
     def solved(self) -> bool:
-        """Whether all residuals are small and more than rounding, and no body went through."""
+        """Whether all residuals are small and more than rounding, and no body went astray."""
         small = self.excess <= 1.0 and self.boundary <= self.tolerance
-        return bool(small and self.resolved and self.pushed <= 0.0 and self.crossed == 0)
+        astray = self.pushed > 0.0 or self.crossed > 0 or self.adrift > 0
+        return bool(small and self.resolved and not astray)
 
     @property
     def certified(self) -> bool:

@@ -11,8 +11,8 @@ from dolfinx import fem
 from ..base.errors import ContactInputError, StepFailed
 from ..base.log import tell
 from ..contact.checks import check_friction, check_metrics, check_normals
-from ..equations.body_equation import check_held
 from ..equations.conditions import with_conditions
+from ..equations.held import check_held
 from . import others, snapshot
 from .background import background
 from .correctors import CONDENSED_FALLBACKS, FALLBACKS, Attempt
@@ -65,9 +65,9 @@ def _advance(system: ContactSystem) -> StepReport:
             return report
         if way.attempt is not None and way.attempt.onward:
             continue  # as if it had not been tried
-        if failed is None or found.crossed or _far(report) < _far(failed.report):
-            failed = _Failed(report, found.crossed, snapshot.ProblemSnapshot(system))
-        if found.crossed or report.certificate.drowned:
+        if failed is None or found.wrong or _far(report) < _far(failed.report):
+            failed = _Failed(report, found.wrong, snapshot.ProblemSnapshot(system))
+        if report.certificate.crossed or report.certificate.drowned:
             break  # another way to solve the step would not fare better
         if _cannot_solve(trials, report):
             unable = way.linear_solver
@@ -81,7 +81,7 @@ def _advance(system: ContactSystem) -> StepReport:
     )
     failed.state.restore()
     if system.settings.raise_on_uncertified:
-        raise StepFailed(explain(system, report, failed.crossed), report, background(system))
+        raise StepFailed(explain(system, report, failed.wrong), report, background(system))
     return report
 
 
@@ -156,10 +156,10 @@ def _tell(system: ContactSystem, report: StepReport) -> None:
 
 @dataclass(frozen=True)
 class _Failed:
-    """An attempt that found no solution: its report, nodes that went through, the state."""
+    """An attempt that found no solution: its report, what is wrong with it, the state."""
 
     report: StepReport
-    crossed: list[str]
+    wrong: list[str]
     state: snapshot.ProblemSnapshot
 
 

@@ -24,21 +24,20 @@ SMALLER_STEP = (
 )
 
 
-def explain(system: ContactSystem, report: StepReport, crossed: Sequence[str] = ()) -> str:
+def explain(system: ContactSystem, report: StepReport, wrong: Sequence[str] = ()) -> str:
     """Return a message on the uncertified state that the unknowns hold; collective.
 
     Args:
         system: The system.
         report: The report of the state.
-        crossed: What is said of nodes that went through an obstacle: then the cause, since such a
-            state solves the equations.
+        wrong: What is wrong with a state that solves the equations: then the cause.
     """
-    if crossed:
-        text = "\n".join(crossed)
+    if wrong:
+        text = "\n".join(wrong)
         return (
             f"Step {report.step} has no certified solution: {text}\n"
-            "This state solves all equations, but goes through the obstacle. The last accepted "
-            f"state was restored.\n{_substeps(report.substeps)}"
+            "This state solves all equations, but is no solution. The last accepted state was "
+            f"restored.\n{_substeps(report.substeps)}"
         )
     certificate = report.certificate
     lines = [

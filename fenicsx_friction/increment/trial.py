@@ -14,6 +14,7 @@ from ..equations.conditions import missed_values
 from ..equations.forces import MISSED
 from ..solvers.report import SubstepReport
 from . import snapshot
+from .adrift import bodies_adrift
 from .correctors import Attempt, correct, newton_tolerance, polish
 from .crossed import crossed_nodes
 from .extrapolation import extrapolate
@@ -48,12 +49,12 @@ class Outcome(NamedTuple):
 
     Attributes:
         report: The report.
-        crossed: Names of nodes that went through an obstacle on the way.
+        wrong: What is wrong with a state that solves all equations.
         converged: Whether Newton's method converged.
     """
 
     report: StepReport
-    crossed: list[str]
+    wrong: list[str]
     converged: bool
 
     @property
@@ -128,28 +129,29 @@ class Trials:
                 return None  # else contact did not change and the state is its own solution
         if way.condensed and not (converged and system.solvers.relinearises):
             system.solvers.recover()
-        report, crossed = self._judge("condensed" if way.condensed else "full")
-        return Outcome(report, crossed, converged)
+        report, wrong = self._judge("condensed" if way.condensed else "full")
+        return Outcome(report, wrong, converged)
 
     def _judge(self, solver: str) -> tuple[StepReport, list[str]]:
-        """Certify a state; name the nodes that went through an obstacle on the way to it."""
+        """Certify a state; say what is wrong with it although it solves all equations."""
         system = self.system
         certificate = system.certify()
-        crossed = crossed_nodes(system) if certificate.solved else []
+        adrift = bodies_adrift(system, self.start) if certificate.solved else []
+        crossed = crossed_nodes(system) if certificate.solved and not adrift else []
         contacts = system.contact_reports()
         report = StepReport(
             system.num_steps + 1,
             system.settings.corrector,
             tuple(self.substeps),
             contacts,
-            replace(certificate, crossed=len(crossed)),
+            replace(certificate, crossed=len(crossed), adrift=len(adrift)),
             self.factorisations,
             solver,
             "direct" if solver == "condensed" else system.solvers.full.linear_solver,
             self.set_ups,
             bodies=totals_of_bodies(system.bodies, system.contacts, contacts),
         )
-        return report, crossed
+        return report, adrift or crossed
 
 
 def _close(system: ContactSystem, *, again: bool) -> None:
