@@ -55,7 +55,7 @@ class ForceScales:
         nodes_across: Number of nodes across all contacts, a root of their number in 3D.
         equilibrium: The groups of the bodies and of the further equations.
         held_rows: The owned rows of the system that are conditions.
-        row_factors: What makes a force of each owned row: a stiffness at the conditions, else one.
+        row_factors: What the system's rows are multiplied by, see ``RowGroups``.
     """
 
     #: What :meth:`begin` and :meth:`find_noise` set: arrays that are replaced, never changed.
@@ -139,7 +139,8 @@ class ForceScales:
 
     def residuals(self, *blocks: Array) -> tuple[Array, Array]:
         """Return the largest residuals of the groups in first blocks, see ``RowGroups``."""
-        return self._rows.residuals(np.concatenate(blocks))
+        rows = np.concatenate(blocks)
+        return self._rows.residuals(rows * self._rows.units[: len(rows)])
 
     def excess(self, rows: Array, tolerance: float) -> float:
         """Return the largest residual in units of what a relative tolerance allows.
@@ -150,7 +151,7 @@ class ForceScales:
         """
         if np.any(self._over_ranks(self._rows.missed(rows)) > MISSED * self._values):
             return np.inf
-        found = self.residuals(rows)
+        found = self._rows.residuals(rows)
         contacts = slice(self.number, self.number * (1 + len(self._contacts)))
         for reactions in (False, True):  # reactions cost an assembly
             scales = self.scales(self._momentum() if reactions else None)

@@ -72,7 +72,9 @@ class RowGroups:
         held: The same for the prescribed ones.
         equilibrium: The groups of the bodies and of the further equations.
         held_rows: The owned rows of the system that are conditions.
-        row_factors: What makes a force of each owned row: a stiffness at the conditions, else one.
+        units: Factors that make forces of the owned rows, but for conditions, as far as there are
+            any: rows of volumes, say, would drown the forces in some units of length.
+        row_factors: The same, and stiffnesses at the conditions.
     """
 
     def __init__(
@@ -101,7 +103,7 @@ class RowGroups:
         """Return the largest residual of each group (N or Pa), and over the stiffness (m).
 
         Args:
-            rows: Some first owned rows of the system; collective.
+            rows: Some first owned rows of the system, multiplied by the row factors; collective.
         """
         every = np.zeros(len(self.row_factors))
         every[: len(rows)] = rows
@@ -133,20 +135,23 @@ class RowGroups:
     ) -> None:
         """Number the groups of the rows; what a row is in their unit, and in metres."""
         labels, weights = [np.where(fixed[0], -1, bodies)], [np.ones(len(bodies))]
+        units = weights[:1]
         compliances: list[Array] = [1.0 / self._stiffness]
         first = groups = number * (1 + len(self._contacts))
         for held, equation in zip(fixed[1:], self._equations, strict=True):
             labels.append(np.where(held, -1, groups + equation.body))
             groups += equation.number
-            weights.append(np.full(len(held), equation.unit))
+            weights.append(np.ones(len(held)))
+            units.append(np.where(held, 1.0, equation.unit))
             slope = np.full(len(held), self._typical) if equation.linked else equation.slope
             compliances.append(_over(weights[-1], slope))
         for i, (k, body) in enumerate(zip(self._contacts, of_contacts, strict=True)):
             d = k.pairing.side.d
             labels.append(np.repeat(number * (1 + i) + body, d))
             weights.append(np.repeat(1.0 / k.nodal_area(), d))
+            units.append(np.ones(len(weights[-1])))
             compliances.append(weights[-1] / np.repeat(k.nodal_scale(), d))
-        self.equilibrium = np.r_[:number, first:groups]
+        self.equilibrium, self.units = np.r_[:number, first:groups], np.concatenate(units)
         parts = (np.concatenate(labels), np.concatenate(weights), np.concatenate(compliances))
         self._measured = MeasuredRows(self._comm, groups, *parts)
 
@@ -159,8 +164,8 @@ class RowGroups:
         self._conditions = Groups(conditions, len(fixed))
         self.held_rows = np.flatnonzero(held)
         factors = np.concatenate([self._stiffness, *(e.row_factors for e in self._equations)])
-        self.row_factors = np.ones(self._measured.size)
-        self.row_factors[: len(held)] = np.where(held, factors, 1.0)
+        self.row_factors = self.units.copy()
+        self.row_factors[self.held_rows] = factors[self.held_rows]
 
 
 def _fixed(f: fem.Function, bcs: Sequence[fem.DirichletBC]) -> npt.NDArray[np.bool_]:
