@@ -276,3 +276,61 @@ def test_the_certificate_keeps_the_diagonal_and_a_given_scale_is_kept():
         assert np.all(contact.felt.x.array < 3.0 * E * 8)
         rows = contact.felt.x.array if r_p is None else 1.0
         assert np.all(contact.r.x.array == rows)
+
+
+def mixed(dim, cell, numbers, nu, mu, length=1.0, young=1.0):
+    """A block of neo-Hooke, quadratic with a linear pressure, on a plane; and what moves its top.
+
+    Args:
+        length: Unit of length: 1e3 for mm.
+        young: Factor of Young's modulus, in the unit of pressure.
+    """
+    make = mesh.create_rectangle if dim == 2 else mesh.create_box
+    low, high = [-0.5 * length] * (dim - 1) + [0.0], [0.5 * length] * dim
+    msh = make(MPI.COMM_WORLD, [low, high], numbers, getattr(mesh.CellType, cell))
+    up = dim - 1
+    tags = tagged_facets(
+        msh, *(lambda x, at=at: np.isclose(x[up], at, atol=1e-9 * length) for at in (0.0, high[up]))
+    )
+    V, Q = (fem.functionspace(msh, e) for e in (("Lagrange", 2, (dim,)), ("Lagrange", 1)))
+    (u, p), (v, q) = (fem.Function(V), fem.Function(Q)), map(ufl.TestFunction, (V, Q))
+    shear = young * E / 2.0 / (1.0 + nu)
+    bulk = 2.0 * shear * nu / (1.0 - 2.0 * nu)
+    F = ufl.Identity(dim) + ufl.grad(u)
+    stress = shear * (F - ufl.inv(F).T) + p * ufl.det(F) * ufl.inv(F).T
+    forms = [
+        ufl.inner(stress, ufl.grad(v)) * ufl.dx,
+        (ufl.det(F) - 1.0 - p / bulk) * q * ufl.dx,
+    ]
+    move, bcs = moved(V, tags)
+    return on_plane(tags, msh, forms, [u, p], bcs, mu), move
+
+
+def test_a_pressure_of_its_own_takes_the_same_steps_in_all_units():
+    """A volume in mm³ is a large number beside a force in N: neither may drown the other."""
+    found = []
+    for length, young in ((1.0, 1.0), (1e3, 1e-6), (1e3, 1.0), (1e6, 1e-12)):
+        problem, move = mixed(2, "triangle", (8, 4), 0.49, 0.2, length, young)
+        counts, forces = [], []
+        for step in ((0.0, -0.02), (0.02, -0.04)):
+            move(length * np.array(step))
+            report = problem.solve()
+            counts.append(report.iterations)
+            forces.append(np.array(report.contacts[0].force) / young / length)
+        found.append((counts, forces))
+    for counts, forces in found[1:]:
+        assert counts == found[0][0]
+        assert np.allclose(forces, found[0][1], rtol=1e-8, atol=1e-8 * np.max(np.abs(forces)))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("way", [(0.05, 0.05), (0.0, 0.01), (0.0, 1e-6)])
+def test_a_mixed_body_that_touches_nothing_goes_where_it_is_moved(way):
+    """What is left of its stresses is the rounding of changes of volume, times the bulk modulus."""
+    problem, move = mixed(3, "tetrahedron", (3, 2, 2), 0.4, 0.0)
+    move(way)
+    report = problem.solve()
+    assert report.certified
+    assert report.contacts[0].stick == report.contacts[0].slip == 0
+    u = problem.u.x.array.reshape(-1, 3)
+    assert np.allclose(u, [way[0], 0.0, way[1]], rtol=0.0, atol=1e-13)

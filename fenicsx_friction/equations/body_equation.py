@@ -47,6 +47,9 @@ class BodyEquation:
         self._body.begin()
         self._before, self._moved = self._forces(), self._motion()
 
+    def doubts(self) -> None:
+        """Return nothing: forces of contact do not follow from the motion."""
+
     def find_noise(self, errors: Array) -> None:
         """Nothing to do: forces of contact carry little rounding."""
 

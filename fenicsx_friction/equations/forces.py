@@ -22,7 +22,7 @@ from .boundary_measure import BoundaryMeasure
 from .conditions import with_conditions
 from .contact_terms import ContactTerms
 from .further_equation import FurtherEquation
-from .noise import rounding_errors
+from .noise import caused_by, rounding_errors
 from .row_groups import RowGroups
 from .tractions import Tractions
 
@@ -112,11 +112,20 @@ class ForceScales:
         given = np.maximum(self._over_ranks(given), DIGITS * self._size[1])  # less is nothing
         # Bodies that meet share the rounding of their forces and displacements.
         noise = DIGITS * np.stack([self._stiffest * given, given])
+        noise[0] += self._doubts()
         linked = [np.max(noise[:, self._linked == part], axis=1) for part in self._linked]
         self._given, self._length = np.transpose(linked)
         self._values = self._over_ranks(np.array([np.max(v, initial=0.0) for v in there]))
         for equation in self._equations:
             equation.begin()
+
+    def _doubts(self) -> Array:
+        """Return the forces (N) that the rounding of further unknowns brings to each body."""
+        found = np.zeros(self.number)
+        for f, equation in zip(self._unknowns[1:], self._equations, strict=True):
+            if (errors := equation.doubts()) is not None:
+                found += self._all.largest(caused_by(f, errors, self._momentum))
+        return self._over_ranks(found)
 
     def save(self) -> object:
         """Return what :meth:`begin` has set; not collective."""

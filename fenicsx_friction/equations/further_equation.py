@@ -80,6 +80,7 @@ class FurtherEquation:
         diagonal = 0.0 if own is None else own.getDiagonal().array
         slope = np.where(diagonal > 0.0, diagonal, self._largest_row(own))
         self.slope: Array = np.broadcast_to(slope, len(self.body))
+        self._resists = self._largest_row(own) > 0.0
         strained = self._largest_row(self._tangents[0])
         _, size = extreme_sizes(others[0].function_space.mesh)
         terms = float(np.max(self._hidden(), initial=0.0)) / DIGITS
@@ -93,6 +94,15 @@ class FurtherEquation:
         """Keep the flows at the start of a step, under its new loads."""
         self._before: Array = self._flows()
         self.noise: Array = np.zeros(self.number)
+
+    def doubts(self) -> Array | None:
+        """Return how exactly the unknown can be known, from the rounding of its linked rows.
+
+        A pressure, say, is as uncertain as the change of volume times the bulk modulus. At each
+        owned dof; ``None`` where this means nothing.
+        """
+        known = self.linked and self._resists
+        return self._hidden()[self.body] / self.slope if known else None
 
     def find_noise(self, errors: Array) -> None:
         """Take the rounding errors of the rows of this state, until the next step begins."""

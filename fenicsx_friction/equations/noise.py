@@ -20,6 +20,8 @@ Array = npt.NDArray[np.floating]
 #: Strain of the step, and its fraction of further unknowns: large enough to change many digits of a
 #: deformation gradient, small enough to meet hardly any kink.
 PERTURBATION = 1e-12
+#: So many times larger are errors whose effect is measured: this must not drown in rounding.
+MAGNIFIED = 1e6
 
 
 def rounding_errors(
@@ -51,3 +53,22 @@ def rounding_errors(
         for f, values in zip(unknowns, kept, strict=True):
             f.x.array[:] = values
     return [abs(a - 2.0 * b + c) for a, b, c in zip(*found, strict=True)]
+
+
+def caused_by(unknown: fem.Function, errors: Array, residual: Callable[[], Array]) -> Array:
+    """Return the changes of a residual that errors of an unknown cause, of any sign; collective.
+
+    Args:
+        unknown: Its values are put back.
+        errors: Sizes of the errors at the owned dofs.
+        residual: Assembles the residual at the owned dofs.
+    """
+    generator = np.random.default_rng(unknown.function_space.mesh.comm.rank)
+    before, kept = residual(), unknown.x.array.copy()
+    try:
+        signs = generator.choice([-1.0, 1.0], len(errors))
+        unknown.x.array[: len(errors)] += MAGNIFIED * errors * signs
+        unknown.x.scatter_forward()
+        return abs(residual() - before) / MAGNIFIED
+    finally:
+        unknown.x.array[:] = kept
