@@ -1,9 +1,12 @@
 """Rigid tools from surface meshes and displacements of degree 2: against shapes with a formula."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 
 import fenicsx_friction as ff
+from fenicsx_friction.obstacles.averaged import DEEP
 from fenicsx_friction.obstacles.weighted_surface import WeightedSurface
 from fenicsx_friction.verification.jacobian import check_jacobian
 from models import by_place, tagged_facets
@@ -45,6 +48,24 @@ def test_a_plane_in_uneven_faces_is_the_plane(d, kind):
         first, second = (by_place(model.u) for model in models)
         assert second == pytest.approx(first, abs=1e-10)
     assert check_jacobian(models[1].problem).error < 1e-6
+
+
+@pytest.mark.mpi
+def test_an_end_that_is_deep_in_the_floor_it_meets_has_not_gone_through_it():
+    """Dragged hard, the end of a block is in front of the floor on average only, as of a plane."""
+    path = [(0.01 * i, -0.03 - 0.002 * i) for i in range(16)]
+    models = [
+        pressed(o, f"{n}end_", 2, mu=0.6, n=[12, 6], **QUADRATIC)
+        for o, n in ((plane(2), "p"), (floor(2), "s"))
+    ]
+    for x, z in path:
+        for model in models:
+            model.place(np.eye(2), way(2, x, z))
+            report = model.problem.solve()
+        assert tractions(models[1]) == pytest.approx(tractions(models[0]), abs=1e-6)
+    face = models[0].contact.pairing.side.facet_size().max(initial=0.0)
+    face = models[0].problem.comm.allreduce(face, MPI.MAX)
+    assert report.contacts[0].penetration > DEEP * face
 
 
 @pytest.mark.mpi

@@ -86,6 +86,11 @@ class Tool:
         whole = self._part_of[pairs.face]
         return np.asarray(np.sum(self._normal[whole] * (x - self._point[whole]), axis=1))
 
+    def cosines(self, pairs: Pairs, faces: Indices) -> Array:
+        """Return the cosines between the normals of what points meet and those of faces."""
+        normals_met, others = (self._normal[self._part_of[f]] for f in (pairs.face, faces))
+        return np.asarray(np.sum(normals_met * others, axis=1))
+
     def rounding(self, planes: Array, X: Array) -> Array:
         """Return the lengths (m) whose rounding gaps from planes contain, which are moved."""
         d, motion = self.side.d, self.motion

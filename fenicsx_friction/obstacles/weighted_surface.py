@@ -14,7 +14,7 @@ from ..surfaces.nodal_kernel import Sites
 from .against_tool import AgainstTool
 from .averaged import DEEP
 from .between import Between
-from .crossing import Motion
+from .crossing import HELD_DEPTH, Motion
 from .kinematics import Array
 from .pairing import Mask
 from .points_met import PointsMet
@@ -26,6 +26,8 @@ Indices = npt.NDArray[np.int64]
 
 #: Nodes meet nothing if less of their average than this is in front of faces.
 COVER = 0.05
+#: Cosine of the normals of two faces from which one goes on where the other ends.
+LEVEL = 0.9
 
 
 class WeightedSurface(AgainstTool, WeightedPairing):
@@ -133,14 +135,14 @@ class WeightedSurface(AgainstTool, WeightedPairing):
         """Tell which nodes have points that went through faces in the step; collective."""
         result, pressed = np.zeros(len(closed), dtype=bool), self._pressed(closed)
         for met, sites in self._both():
-            result |= self._crossed(met, sites, pressed)
+            result |= self._crossed(met, sites, pressed, closed)
         return result
 
     def _both(self) -> tuple[tuple[PointsMet, FacePoints], ...]:
         """Return the points of the averages and the nodes of the faces, with what they meet."""
         return (self._met, self.points), (self._met_nodes, self._nodes)
 
-    def _crossed(self, met: PointsMet, sites: FacePoints, pressed: Array) -> Mask:
+    def _crossed(self, met: PointsMet, sites: FacePoints, pressed: Array, closed: Mask) -> Mask:
         """Tell which nodes have such points; collective."""
         node, ends = sites.node_of_point, (self.side.u_old, self.side.u)
         # However fine the tool, the body meets it as its own faces can.
@@ -153,12 +155,15 @@ class WeightedSurface(AgainstTool, WeightedPairing):
             depths=(of_face, of_node),
         )
         face = self._find_crossed(motion, met.start.face)
+        middle = self.faces.X[self.faces.faces[face]].mean(axis=1)
         # A point little below its own face may be far behind a side of the tool, but not behind a
         # wall that rises from this face.
-        shallow = met.depths(self.offset[node]) <= self._too_deep(sites, pressed)
-        middle = self.faces.X[self.faces.faces[face]].mean(axis=1)
-        top = met.pairs.paired & (self._tool.distances(met.pairs, middle) < 0.0)
-        through = (face >= 0) & ~(shallow & top)
+        depths, distances = met.depths(self.offset[node]), self._tool.distances(met.pairs, middle)
+        top = (depths <= self._too_deep(sites, pressed)) & (distances < 0.0)
+        # What it meets goes on there: contact holds it on average, as at a plane.
+        level = (abs(distances) <= of_node) & (self._tool.cosines(met.pairs, face) > LEVEL)
+        level &= closed[node] & (depths <= HELD_DEPTH / DEEP * of_node)
+        through = (face >= 0) & ~(met.pairs.paired & (top | level))
         return np.bincount(node, through, minlength=self.side.surface.num_owned) > 0.0
 
     def missed(self, closed: Mask) -> Mask:
