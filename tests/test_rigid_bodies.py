@@ -384,6 +384,12 @@ def test_what_differs_between_ranks_or_is_negative_is_refused():
     model.body.spring.value[1] = -1.0
     with pytest.raises(ff.ContactInputError, match="negative"):
         model.problem.solve()
+    model.body.spring.value[1] = 0.0
+    last = MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
+    model.body.force.value[0] = np.nan if last else 0.0
+    with pytest.raises(ff.ContactInputError, match="not finite"):
+        model.problem.solve()
+    model.body.force.value[0] = 0.0
     model.body.spring.value[1] = 1.0 + MPI.COMM_WORLD.rank
     if MPI.COMM_WORLD.size > 1:
         with pytest.raises(ff.ContactInputError, match="differ between ranks"):

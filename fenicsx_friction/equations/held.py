@@ -37,6 +37,10 @@ def check_held(body: RigidBody, contacts: Sequence[Contact]) -> None:
         ContactInputError: Names the components that nothing holds.
     """
     every = np.array(body.mesh.comm.allgather(body.settings()))
+    if not np.all(np.isfinite(every)):
+        raise ContactInputError(
+            f"Rigid body '{body.name}': a force, moment, given value or spring is not finite."
+        )
     if np.any(every != every[0]):
         raise ContactInputError(
             f"Rigid body '{body.name}': loads, given values, springs or free components differ "
