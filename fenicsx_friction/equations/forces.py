@@ -27,8 +27,8 @@ from .row_groups import RowGroups
 from .tractions import Tractions
 
 #: Rounding errors of forces may be this many times those of one measurement, and at most this
-#: fraction of stiffness times cell size.
-NOISE, MOST_NOISE = 4.0, 1e-11
+#: fraction of stiffness times cell size. What comes from a pressure grows with the bulk modulus.
+NOISE, MOST_NOISE, MOST_DOUBT = 4.0, 1e-11, 1e-8
 #: A condition is met up to this distance, relative to the largest value.
 MISSED = 1e-12
 
@@ -103,7 +103,7 @@ class ForceScales:
         """Keep the forces at the start of a step, under its new loads and boundary values."""
         forces = np.maximum(self._all.largest(abs(self._momentum())), self._contact_forces())
         self._forces = self._over_ranks(forces)
-        self._noise = np.zeros(self.number)
+        self._noise: Array = np.zeros(self.number)
         self._tractions.begin()
         there = [
             np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs))) for f in self._unknowns
@@ -124,8 +124,20 @@ class ForceScales:
         found = np.zeros(self.number)
         for f, equation in zip(self._unknowns[1:], self._equations, strict=True):
             if (errors := equation.doubts()) is not None:
-                found += self._all.largest(caused_by(f, errors, self._momentum))
-        return self._over_ranks(found)
+                found += self._rounding(caused_by(f, errors, self._momentum), MOST_DOUBT)
+        return found
+
+    def _rounding(self, forces: Array, most: float) -> Array:
+        """Return the largest of each body (N), nothing where this is no rounding.
+
+        Displacements are out of bounds then, or there is a kink.
+
+        Args:
+            forces: Forces at the owned dofs (N).
+            most: The strain that makes more than rounding.
+        """
+        found = self._over_ranks(self._all.largest(forces))
+        return np.where(found <= most * self._stiffest * self._size[0], found, 0.0)
 
     def save(self) -> object:
         """Return what :meth:`begin` has set; not collective."""
@@ -139,10 +151,7 @@ class ForceScales:
     def find_noise(self) -> None:
         """Measure the rounding errors of the forces at this state, until the next step or call."""
         momentum, *others = rounding_errors(self._unknowns, self._residuals)
-        # More than this is not rounding: displacements are out of bounds, or there is a kink.
-        most = MOST_NOISE * self._stiffest * self._size[0]
-        noise = self._over_ranks(NOISE * self._all.largest(momentum))
-        self._noise = np.where(noise <= most, noise, 0.0)
+        self._noise = self._rounding(NOISE * momentum, MOST_NOISE)
         for equation, errors in zip(self._equations, others, strict=True):
             equation.find_noise(NOISE * errors)
 

@@ -119,8 +119,10 @@ def _resistance(
     triangle = np.linalg.qr(np.concatenate(directions), mode="r")  # small, and resists the same
     parts = [np.concatenate(comm.allgather(triangle)), comm.allreduce(turned)]
     sizes = [float(np.max(abs(parts[0]))), comm.allreduce(force)]
+    # Infinite motions may leave no numbers, which resist nothing.
+    whole = [s > 0.0 and np.all(np.isfinite(p / s)) for p, s in zip(parts, sizes, strict=True)]
     return np.concatenate(
-        [p / s if s > 0.0 else 0.0 * p for p, s in zip(parts, sizes, strict=True)]
+        [p / s if w else np.zeros_like(p) for p, s, w in zip(parts, sizes, whole, strict=True)]
     )
 
 
