@@ -9,7 +9,6 @@ from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
 from fenicsx_friction.equations import contact_terms
-from fenicsx_friction.equations.held import adrift
 from fenicsx_friction.verification import differences
 from models import by_place
 from pressed import Half
@@ -301,56 +300,6 @@ def test_a_body_that_nothing_holds_is_told():
     model.body.free = ("y",)
     with pytest.raises(ff.ContactInputError, match=r"touches nothing.*\by\b"):
         model.problem.solve()
-
-
-@pytest.mark.quick
-@pytest.mark.mpi
-@pytest.mark.parametrize("lift", [0.02, 0.1])
-def test_a_wheel_that_is_lifted_must_not_be_free_to_turn(lift):
-    """Nothing says how far it has turned: no such state is accepted. Held, it leaves."""
-    model = Half(f"lifted_{lift}_".replace(".", ""), ball(2), mu=0.4)
-    body = model.body
-    body.given.value[1] = -0.05
-    model.problem.solve()
-    body.free = ("rz",)
-    for x in (0.05, 0.1):
-        body.given.value[0] = x
-        model.problem.solve()
-    kept = [f.x.array.copy() for f in (model.u, body.q, model.contacts[0].c)]
-    body.given.value[1] = lift
-    with pytest.raises(ff.StepFailed, match=r"moved in rz by .*neither contact nor springs"):
-        model.problem.solve()
-    for f, values in zip((model.u, body.q, model.contacts[0].c), kept, strict=True):
-        assert np.array_equal(f.x.array, values)
-    body.free, body.given.value[2] = (), body.q.x.array[2]
-    report = model.problem.solve()
-    assert report.certified
-    assert report.contacts[0].stick == report.contacts[0].slip == 0
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("d", [2, 3])
-@pytest.mark.parametrize(
-    ("shape", "mu", "loose"), [(ball, 0, True), (ball, 0.4, False), (platen, 0, False)]
-)
-def test_what_holds_a_rotation(d, shape, mu, loose):
-    """Friction holds that of a ball, pressure that of a platen; without friction a ball is free."""
-    bodies = shape(d) if shape is ball else shape
-    model = Half(f"turns_{d}{shape.__name__}{mu}_".replace(".", ""), bodies, d, mu=mu)
-    body, up, turns = model.body, *(("y", ["rz"]) if d == 2 else ("z", ["rx", "ry"]))
-    body.given.value[d - 1] = -0.02
-    model.problem.solve()
-    body.free = (up, *turns)
-    body.force.value[d - 1] = -2.0
-    report = model.problem.solve()
-    assert report.bodies[0].force[d - 1] == pytest.approx(2.0, rel=1e-9)
-    assert np.allclose(report.bodies[0].rotation, 0.0, atol=1e-9)  # what nothing holds has stayed
-    start = body.q.x.array.copy()
-    states = [k.present() for k in model.contacts]
-    assert adrift(body, model.contacts, states, start) == []
-    start[d : d + len(turns)] -= 0.1
-    start[d - 1] += 0.1  # pressure holds this
-    assert adrift(body, model.contacts, states, start) == (turns if loose else [])
 
 
 @pytest.mark.parametrize(

@@ -68,6 +68,17 @@ def test_an_end_that_is_deep_in_the_floor_it_meets_has_not_gone_through_it():
     assert report.contacts[0].penetration > DEEP * face
 
 
+@pytest.mark.parametrize(("half", "thick", "depth"), [(1.5, 0.001, -2.0), (0.4, 0.2, -0.4)])
+def test_a_body_is_not_held_by_a_plate_that_it_is_behind_or_beside(half, thick, depth):
+    """Ends below a thin plate, corners beside a narrow one: deep, but not in the level face."""
+    tool = ff.RigidSurface(*box((-half, -thick), (half, 0.0)))
+    place = {"low": (-1.0, 0.0), "high": (1.0, 1.0), "n": [8, 4], "energy": "small"}
+    model = pressed(tool, f"plate{thick}_".replace(".", ""), 2, **{**QUADRATIC, **place})
+    model.place(np.eye(2), way(2, 0.0, depth))
+    with pytest.raises(ff.StepFailed, match="went through"):
+        model.problem.solve()
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_moving_turning_floor_is_the_moving_plane(d):

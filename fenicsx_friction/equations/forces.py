@@ -59,7 +59,7 @@ class ForceScales:
     """
 
     #: What :meth:`begin` and :meth:`find_noise` set: arrays that are replaced, never changed.
-    AT_START = ("_forces", "_given", "_length", "_values", "_noise")
+    AT_START = ("_forces", "_given", "_length", "_doubted", "_values", "_noise")
 
     def __init__(
         self,
@@ -112,9 +112,9 @@ class ForceScales:
         given = np.maximum(self._over_ranks(given), DIGITS * self._size[1])  # less is nothing
         # Bodies that meet share the rounding of their forces and displacements.
         noise = DIGITS * np.stack([self._stiffest * given, given])
-        noise[0] += self._doubts()
+        noise = np.concatenate([noise, self._doubts()[None]])
         linked = [np.max(noise[:, self._linked == part], axis=1) for part in self._linked]
-        self._given, self._length = np.transpose(linked)
+        self._given, self._length, self._doubted = np.transpose(linked)
         self._values = self._over_ranks(np.array([np.max(v, initial=0.0) for v in there]))
         for equation in self._equations:
             equation.begin()
@@ -151,7 +151,10 @@ class ForceScales:
     def find_noise(self) -> None:
         """Measure the rounding errors of the forces at this state, until the next step or call."""
         momentum, *others = rounding_errors(self._unknowns, self._residuals)
-        self._noise = self._rounding(NOISE * momentum, MOST_NOISE)
+        # What a body that has flown away adds to the rounding is no excuse for lost forces.
+        far = self._over_ranks(self._all.largest(abs(self._u.x.array[: len(self._stiffness)])))
+        near = self._size[1] + self._length / DIGITS
+        self._noise = self._rounding(NOISE * momentum, MOST_NOISE) * (near / np.fmax(far, near))
         for equation, errors in zip(self._equations, others, strict=True):
             equation.find_noise(NOISE * errors)
 
@@ -214,13 +217,15 @@ class ForceScales:
             hidden: Largest stiffness times displacement of each body (N).
             momentum: See :meth:`scales`.
         """
-        largest = self._contact_forces()
+        largest = contact = self._contact_forces()
         if momentum is not None:
             largest = np.maximum(largest, self._held.largest(abs(momentum)))
-        forces, hidden = self._over_ranks(np.stack([largest, DIGITS * hidden]))
+        all_forces = np.stack([largest, DIGITS * hidden, contact])
+        forces, hidden, contact = self._over_ranks(all_forces)
         forces, strict = np.minimum(forces, self._most), np.zeros(self.number, dtype=bool)
-        start = (self._given, self._length, self._noise)
-        bodies = Scales(forces, self._forces, hidden, *start, strict)
+        # Where contact carries anything, the rounding of a pressure would be an error of it.
+        given = self._given + np.where(contact <= self._given, self._doubted, 0.0)
+        bodies = Scales(forces, self._forces, hidden, given, self._length, self._noise, strict)
         loads = np.maximum(forces, self._forces)
         return bodies, self._tractions.scales(loads, self._given, self._length)
 

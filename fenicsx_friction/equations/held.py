@@ -85,10 +85,14 @@ def adrift(
     loose = np.flatnonzero(_without_springs(body))
     if not len(loose):
         return []
-    _, sizes, directions = np.linalg.svd(_resistance(body, contacts, states)[:, loose])
+    resistance = _resistance(body, contacts, states)[:, loose]
+    arms = np.max(abs(resistance), axis=0)  # long ones, if the center is far away
+    resists = arms > NOTHING * np.max(arms)
+    arms[~resists] = 1.0
+    _, sizes, directions = np.linalg.svd(resistance * resists / arms)
     nothing = directions[sizes <= NOTHING * np.max(sizes)]
     moved = ((body.q.x.array - start) / (body.length * body.unit))[loose]
-    drift = abs(nothing.T @ (nothing @ moved))
+    drift = abs(nothing.T @ (nothing @ (arms * moved))) / arms
     least = MOVED * max(1.0, float(np.max(drift)))  # beside a huge one all are rounding
     return [body.names[i] for i, way in zip(loose, drift, strict=True) if not way <= least]
 

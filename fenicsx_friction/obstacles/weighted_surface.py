@@ -163,6 +163,9 @@ class WeightedSurface(AgainstTool, WeightedPairing):
         # What it meets goes on there: contact holds it on average, as at a plane.
         level = (abs(distances) <= of_node) & (self._tool.cosines(met.pairs, face) > LEVEL)
         level &= closed[node] & (depths <= HELD_DEPTH / DEEP * of_node)
+        # No other side of the tool is nearer, as below a thin plate or beside an edge.
+        few = np.flatnonzero(level & (face >= 0))
+        level[few] = self._inside(motion.x[1][few], motion.directions[1][few]) > LEVEL * depths[few]
         through = (face >= 0) & ~(met.pairs.paired & (top | level))
         return np.bincount(node, through, minlength=self.side.surface.num_owned) > 0.0
 
