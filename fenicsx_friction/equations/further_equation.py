@@ -77,10 +77,10 @@ class FurtherEquation:
         self._others = list(others)
         self._tangents = [self._tangent(residual, f) for f in others]
         own = next(t for t, f in zip(self._tangents, others, strict=True) if f is unknown)
-        diagonal = 0.0 if own is None else own.getDiagonal().array
-        slope = np.where(diagonal > 0.0, diagonal, self._largest_row(own))
+        diagonal, largest = 0.0 if own is None else own.getDiagonal().array, self._largest_row(own)
+        slope = np.where(diagonal > 0.0, diagonal, largest)
         self.slope: Array = np.broadcast_to(slope, len(self.body))
-        self._resists = self._largest_row(own) > 0.0
+        self._resists = largest > 0.0  # all slopes are then; the same on all ranks
         strained = self._largest_row(self._tangents[0])
         _, size = extreme_sizes(others[0].function_space.mesh)
         terms = float(np.max(self._hidden(), initial=0.0)) / DIGITS

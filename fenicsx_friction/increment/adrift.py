@@ -20,9 +20,10 @@ def bodies_adrift(system: ContactSystem, start: Snapshot) -> list[str]:
         system: The system, at a solution.
         start: The unknowns at the start of the step.
     """
-    lines, states = [], system.nodal_states()
-    of_bodies = start[len(system.unknowns) - len(system.bodies) :]
-    for body, before in zip(system.bodies, of_bodies, strict=False):  # multipliers follow
+    if not system.bodies:
+        return []  # most models: their nodal values need not be found once more
+    lines, states, end = [], system.nodal_states(), len(system.unknowns)
+    for body, before in zip(system.bodies, start[end - len(system.bodies) : end], strict=True):
         if names := adrift(body, system.contacts, states, before):
             way = body.q.x.array - before
             moved = ", ".join(f"{name} by {way[body.names.index(name)]:.3g}" for name in names)
