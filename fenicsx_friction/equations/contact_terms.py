@@ -147,7 +147,7 @@ class ContactTerms:
         self._add_forces(b, "free")
         c_rows = self._rows[len(self._rows) - len(self._contacts) :]
         for k, values, rows in zip(self._contacts, self.residuals(law), c_rows, strict=True):
-            _add(b, k.pairing.side.nodal_entries(rows), values)
+            add_rows(b, k.pairing.side.nodal_entries(rows), values)
         b.assemble()
 
     def lift(self, b: PETSc.Vec, law: Law) -> None:
@@ -161,9 +161,9 @@ class ContactTerms:
             for i, (blocks, places) in enumerate(
                 zip(self.matrices(law), self.places(law), strict=True)
             ):
-                steps = self._of_blocks(i, law, missing, 0.0)
+                steps = self.at_blocks(i, law, missing, 0.0)
                 for values, (rows, _), (_, step) in zip(blocks, places, steps, strict=True):
-                    _add(b, rows, np.einsum("nij,nj->ni", values, step))
+                    add_rows(b, rows, np.einsum("nij,nj->ni", values, step))
         b.assemble()
 
     def _add_forces(self, vector: PETSc.Vec, kind: str) -> None:
@@ -172,10 +172,10 @@ class ContactTerms:
         for i, k in enumerate(self._contacts):
             forces = -k.pairing.forces(k.nodal_area()[:, None] * k.multipliers())
             rows = self._kept(kind, i, partial(k.pairing.gather, target[0], missing=-1))
-            _add(vector, rows[:, : forces.shape[1]], forces)
+            add_rows(vector, rows[:, : forces.shape[1]], forces)
             if isinstance(k.pairing, RigidPairing) and (body := k.pairing.body) is not None:
                 shares, rows = body_rows(k.pairing, body), target[self._unknown_of(body)]
-                _add(vector, np.tile(rows, (len(shares), 1)), shares)
+                add_rows(vector, np.tile(rows, (len(shares), 1)), shares)
         vector.assemble()
 
     def _kept(self, what: object, i: int, find: Callable[[], Any]) -> Any:
@@ -191,11 +191,11 @@ class ContactTerms:
     def places(self, law: Law) -> list[Blocks[Places]]:
         """Return the numbers of the rows and columns of the blocks of each contact."""
         return [
-            self._kept(law, i, partial(self._of_blocks, i, law, self._rows, -1))
+            self._kept(law, i, partial(self.at_blocks, i, law, self._rows, -1))
             for i in range(len(self._contacts))
         ]
 
-    def _of_blocks(
+    def at_blocks(
         self, i: int, law: Law, values: Sequence[npt.NDArray], missing: float
     ) -> Blocks[Places]:
         """Return the entries of arrays over the dofs of all unknowns, at a contact's blocks.
@@ -241,7 +241,7 @@ class ContactTerms:
         ]
 
 
-def _add(vector: PETSc.Vec, rows: Indices, values: Array) -> None:
+def add_rows(vector: PETSc.Vec, rows: Indices, values: Array) -> None:
     """Add values to rows of any rank; rows ``-1`` are left out."""
     vector.setOption(PETSc.Vec.Option.IGNORE_NEGATIVE_INDICES, True)
     vector.setValues(

@@ -10,9 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from dolfinx.fem.petsc import assemble_matrix
 
-from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from ..contact.checks import check_normals
 from ..contact.contact import Contact
@@ -22,19 +20,15 @@ from ..equations.conditions import constrained
 from ..equations.further_equation import FurtherEquation
 from ..equations.numbering import contact_dofs
 from ..equations.patches import felt_stiffness
+from ..equations.stiffness import Stiffness
 from ..obstacles.motion import Motion
 from ..obstacles.rigid_body import RigidBody
 
 
-def stiffness_of(
-    bulk: ufl.Form, u: fem.Function, entity_maps: Sequence[mesh.EntityMap]
-) -> tuple[fem.Function, PETSc.Mat]:
+def stiffness_of(tangent: Stiffness, V: fem.FunctionSpace) -> tuple[fem.Function, PETSc.Mat]:
     """Return the diagonal of the bulk stiffness (N/m), and the stiffness itself; collective."""
-    comm = u.function_space.mesh.comm
-    tangent = compiled(fem.form, comm)(ufl.derivative(bulk, u), entity_maps=list(entity_maps))
-    matrix = assemble_matrix(tangent)
-    matrix.assemble()
-    diagonal = fem.Function(u.function_space)
+    matrix = tangent.assemble()
+    diagonal = fem.Function(V)
     diagonal.x.array[: matrix.getLocalSize()[0]] = matrix.getDiagonal().array
     diagonal.x.scatter_forward()
     return diagonal, matrix

@@ -20,10 +20,12 @@ from ..certificate.nodal_state import NodalState
 from ..contact.contact import Contact
 from ..equations.assembly import assemble_owned, weakly
 from ..equations.body_equation import bodies_of
-from ..equations.conditions import constrained_dofs, missed_values
+from ..equations.conditions import missed_values
 from ..equations.contact_terms import ContactTerms
+from ..equations.floating import FloatingBodies
 from ..equations.forces import ForceScales
 from ..equations.numbering import num_owned
+from ..equations.stiffness import Stiffness
 from ..solvers.condensing import solvers_of
 from ..solvers.options import SolverOptions
 from ..solvers.report import SubstepReport
@@ -58,7 +60,8 @@ class ContactSystem:
         terms: How contact enters the equations.
         constrained_dofs: Dofs of ``u`` under a boundary condition (local, unrolled).
         scales: Measures residuals by the forces of each body and contact.
-        bulk: The momentum balance without contact, ready to be assembled.
+        bulk, stiffness: The momentum balance without contact, and its derivative.
+        floating: The deformable bodies that conditions do not hold.
         solvers: What the substeps share: forms, matrices and linear solvers.
         stick: The stick predictor, eq. (14).
         slip: The slip corrector, eq. (15).
@@ -102,23 +105,24 @@ class ContactSystem:
         blocks = [lifted_form(f) for f in share_facet_data(blocks)]
         blocks += [body.residual() for body in self.bodies]
         self.bulk = blocks[0]
-        stiffness, tangent = set_up.stiffness_of(self.bulk, self.u, self._entity_maps)
+        self.stiffness = Stiffness(self.bulk, self.u, self._entity_maps)
+        stiffness, tangent = set_up.stiffness_of(self.stiffness, V)
         given = (self.dt, self.settings.normal, self.bcs, stiffness, tangent)
         set_up.set_up_contacts(self.contacts, (self.u, self.u_old), *given)
         self._bulk_form, *self._other_forms = (
             compiled(fem.form, self.comm)(f, entity_maps=self._entity_maps) for f in blocks
         )
-        self.constrained_dofs = constrained_dofs(V, self.bcs)
+        self.floating = FloatingBodies(self.u, self.bcs)
+        self.constrained_dofs = self.floating.held
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
         self.rates = set_up.rates_of(self.unknowns, self.bodies, self.contacts)
         self.terms = ContactTerms(self.contacts, self.state, self.bcs)
-        diagonal = stiffness.x.array[: num_owned(stiffness)].copy()
         arguments = (self.unknowns, self.bcs, stiffness, self._entity_maps, self.contacts)
         self.scales = ForceScales(
             self.unknowns,
             self.contacts,
             self.bcs,
-            diagonal,
+            stiffness.x.array[: num_owned(stiffness)].copy(),
             set_up.further_equations(blocks[1:], *arguments),
             self.terms,
             weakly(self, lambda there: there.assemble_momentum()),

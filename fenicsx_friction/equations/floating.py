@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: MIT
+"""The deformable bodies that conditions do not hold, and how they may move as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mpi4py import MPI
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..base.collective import largest_of_ranks
+from ..base.groups import Labels
+from ..contact.contact import Contact
+from ..obstacles.rigid_body import COMPONENTS
+from ..surfaces.bodies import number_bodies
+from ..surfaces.cells import extent
+from .conditions import constrained_dofs
+from .numbering import num_owned
+
+Array = npt.NDArray[np.floating]
+
+#: Relative singular values below this are rounding: what holds a body does not resist there.
+NOTHING = 1e-9
+
+
+class FloatingBodies:
+    """Knows them; all methods are collective.
+
+    Args:
+        u: The displacement.
+        bcs: Dirichlet conditions.
+
+    Attributes:
+        names, units: Those of the rigid motions, and their sizes (m; rad).
+        bodies: The bodies, by number.
+        length: Length of the mesh (m).
+        held: The local dofs under a condition.
+    """
+
+    def __init__(self, u: fem.Function, bcs: Sequence[fem.DirichletBC]) -> None:
+        V = u.function_space
+        self._u, self.length, self._d = u, extent(V.mesh), V.mesh.geometry.dim
+        self._comm, self.names = V.mesh.comm, COMPONENTS[self._d]
+        self.units = [self.length] * self._d + [1.0] * (len(self.names) - self._d)
+        number, self._body = number_bodies(V)
+        self._valued = _valued(V)
+        self._X = V.tabulate_dof_coordinates()[:, : self._d]
+        self.held = constrained_dofs(V, bcs)
+        self.bodies = [b for b in range(number) if not self._is_held(b)]
+
+    def surfaces_of(self, body: int, contacts: Sequence[Contact]) -> list[str]:
+        """Return the names of the contact surfaces that a body has."""
+        mine = [bool(np.any(self._body[k.parent_dofs] == body)) for k in contacts]
+        there = self._comm.allreduce(np.array(mine, dtype=np.int64), MPI.SUM)
+        return [k.surface.name for k, n in zip(contacts, there, strict=True) if n]
+
+    def motions(self, body: int, *, undeformed: bool) -> Array:
+        """Return the rigid motions of a body, (local dofs, motions), zero elsewhere.
+
+        They move the body by the length of the mesh, or turn it by one rad about its middle.
+
+        Args:
+            body: The body.
+            undeformed: Whether they are those of where it was at first.
+        """
+        x = self._X if undeformed else self._X + self._u.x.array.reshape(self._X.shape)
+        nodes = np.flatnonzero((self._body == body) & self._valued)
+        motions = np.zeros((*x.shape, len(self.names)))
+        motions[nodes] = self._about(x[nodes], self._middle(x, nodes))
+        return motions.reshape(x.size, len(self.names))
+
+    def moved(self, motions: Array, body: int, way: Array) -> tuple[Array, float]:
+        """Return how far a body has gone in each of its motions, and what they do not explain.
+
+        Args:
+            motions: Those of :meth:`motions`.
+            body: The body.
+            way: Change of the displacement at the local dofs (m).
+
+        Returns:
+            The shares of the motions, and the largest other displacement over the length.
+        """
+        n = num_owned(self._u)
+        size = float(largest_of_ranks(self._comm, np.array([np.max(abs(way), initial=0.0)]))[0])
+        own, went = motions[:n], way[:n] / max(size, np.finfo(float).tiny)
+        both = self._comm.allreduce(np.column_stack([own.T @ own, own.T @ went]))
+        share = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=None)[0]
+        here = np.repeat(((self._body == body) & self._valued)[: n // self._d], self._d)
+        rest = abs(went - own @ share)[here]
+        most = largest_of_ranks(self._comm, np.array([np.max(rest, initial=0.0)]))[0]
+        return share * size, float(most) * size / self.length
+
+    def _is_held(self, body: int) -> bool:
+        """Tell whether conditions hold a body as a whole."""
+        nodes, component = np.divmod(self.held, self._d)
+        here = self._body[nodes] == body
+        middle = self._middle(self._X, np.flatnonzero((self._body == body) & self._valued))
+        rows = self._about(self._X[nodes[here]], middle)[np.arange(np.sum(here)), component[here]]
+        triangles = self._comm.allgather(np.linalg.qr(rows, mode="r"))
+        sizes = np.linalg.svd(np.concatenate(triangles), compute_uv=False)
+        return len(sizes) == len(self.names) and bool(sizes[-1] > NOTHING * sizes[0])
+
+    def _middle(self, x: Array, nodes: Labels) -> Array:
+        """Return the middle of the owned ones of some nodes (m); collective."""
+        own = nodes[nodes < num_owned(self._u) // self._d]
+        sums = self._comm.allreduce(np.append(np.sum(x[own], axis=0), len(own)))
+        return np.asarray(sums[:-1] / sums[-1])
+
+    def _about(self, x: Array, middle: Array) -> Array:
+        """Return the rigid motions at points: (points, d, motions)."""
+        d, arms = self._d, x - middle
+        motions = np.zeros((*x.shape, len(self.names)))
+        motions[:, :, :d] = np.eye(d) * self.length
+        if d == 2:
+            motions[:, :, 2] = np.column_stack([-arms[:, 1], arms[:, 0]])
+        for i in range(len(self.names) - d if d == 3 else 0):
+            motions[:, i - 2, d + i], motions[:, i - 1, d + i] = -arms[:, i - 1], arms[:, i - 2]
+        return motions
+
+
+def _valued(V: fem.FunctionSpace) -> Labels:
+    """Tell which local (blocked) dofs are values of the displacement: of MINI, no bubbles."""
+    element = V.ufl_element()
+    scalar = element.sub_elements[0] if element.sub_elements else element
+    basix_element = getattr(scalar, "basix_element", None)
+    valued = np.zeros(len(V.tabulate_dof_coordinates()), dtype=bool)
+    if getattr(basix_element, "interpolation_is_identity", False):
+        valued[:] = True
+        return valued
+    layout, corners = V.dofmap.dof_layout, len(basix.geometry(V.mesh.basix_cell()))
+    at_vertices = [layout.entity_dofs(0, i)[0] for i in range(corners)]
+    valued[V.dofmap.list[:, at_vertices]] = True
+    return valued

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: MIT
+"""Motions of whole bodies that conditions, given values and springs of their own do not hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from ..contact.contact import Contact
+from ..obstacles.rigid_body import RigidBody
+from .floating import FloatingBodies
+
+Array = npt.NDArray[np.floating]
+
+#: Motions (relative to the length of the mesh; rad) that are not rounding.
+MOVED = 1e-6
+#: A deformable body may go so many times further than it deforms, as if held at some point.
+FURTHER = 10.0
+
+
+@dataclass(frozen=True)
+class LooseMotion:
+    """One motion of one body: by the length of the mesh, or by one rad.
+
+    Attributes:
+        owner: The body, in words.
+        name: The component.
+        unit: What a motion by one is (m; rad).
+        values: The motion as values of the local dofs of each unknown.
+        virtual: The same as shares of the rows, which are forces (N): virtual work is theirs.
+        moved: How far the body has gone in the step.
+        spared: How far it may go where nothing holds it.
+        deformable: Whether it deforms.
+    """
+
+    owner: str
+    name: str
+    unit: float
+    values: list[Array]
+    virtual: list[Array]
+    moved: float
+    spared: float
+    deformable: bool
+
+
+def without_springs(body: RigidBody) -> npt.NDArray[np.bool_]:
+    """Tell which components of a rigid body are free and have no spring."""
+    return np.asarray(body.released & (body.spring.value == 0.0))
+
+
+def of_rigid(
+    body: RigidBody, state: Sequence[fem.Function], i: int, start: Array
+) -> Iterator[LooseMotion]:
+    """Yield the motions of a rigid body.
+
+    Args:
+        body: The body.
+        state: All unknowns.
+        i: Which of them is its motion.
+        start: This one at the start of the step.
+    """
+    size = body.length * body.unit
+    moved = (body.q.x.array - start) / size
+    for j in np.flatnonzero(without_springs(body)):
+        values, virtual = ([np.zeros_like(f.x.array) for f in state] for _ in range(2))
+        values[i][j], virtual[i][j] = size[j], body.length
+        yield LooseMotion(
+            f"rigid body '{body.name}'",
+            body.names[j],
+            float(size[j]),
+            values,
+            virtual,
+            float(moved[j]),
+            MOVED,
+            deformable=False,
+        )
+
+
+def of_floating(
+    floating: FloatingBodies,
+    state: Sequence[fem.Function],
+    start: Array,
+    contacts: Sequence[Contact],
+    *,
+    undeformed: bool,
+) -> Iterator[LooseMotion]:
+    """Yield the motions of all deformable bodies that conditions do not hold; collective.
+
+    Args:
+        floating: The bodies.
+        state: All unknowns, the displacement first.
+        start: The displacement at the start of the step.
+        contacts: The contacts, for the names of the surfaces.
+        undeformed: Whether turns are those about where the bodies were at first.
+    """
+    others = [np.zeros_like(f.x.array) for f in state[1:]]
+    for body in floating.bodies:
+        shapes = floating.motions(body, undeformed=undeformed)
+        moved, rest = floating.moved(shapes, body, state[0].x.array - start)
+        surfaces = "', '".join(floating.surfaces_of(body, contacts))
+        for j, name in enumerate(floating.names):
+            values = [shapes[:, j], *others]
+            yield LooseMotion(
+                f"the body with the surface '{surfaces}'",
+                name,
+                floating.units[j],
+                values,
+                values,
+                float(moved[j]),
+                max(MOVED, FURTHER * rest),
+                deformable=True,
+            )

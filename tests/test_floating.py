@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: MIT
+"""Deformable bodies that conditions do not hold: carried by contact, or refused when they leave."""
+
+from mpi4py import MPI
+
+import basix.ufl
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+
+import fenicsx_friction as ff
+from fenicsx_friction.equations.floating import FloatingBodies
+from fenicsx_friction.increment.adrift import bodies_adrift
+
+CELLS = {2: mesh.CellType.quadrilateral, 3: mesh.CellType.hexahedron}
+DENSITIES = {"small": ff.bulk.small_strain_energy, "finite": ff.bulk.neo_hooke_energy}
+
+
+class Block:
+    """A block of sides 1 without conditions: on a plane, or between two loaded platens."""
+
+    def __init__(
+        self, name, d=2, mu=0.0, energy="small", platens=False, springs=0.0, skew=0.0, plane=False
+    ):
+        make = mesh.create_rectangle if d == 2 else mesh.create_box
+        msh = make(MPI.COMM_WORLD, [(-0.5,) * d, (0.5,) * d], [4] * d, CELLS[d])
+        up = d - 1
+        parts = [
+            mesh.locate_entities_boundary(msh, up, lambda x, y=y: np.isclose(x[up], y))
+            for y in (0.5, -0.5)
+        ]
+        facets, which = np.concatenate(parts), np.repeat([1, 2], [len(p) for p in parts])
+        order = np.argsort(facets)
+        tags = mesh.meshtags(msh, up, facets[order], which[order].astype(np.int32))
+        msh.geometry.x[:, 0] += skew * (msh.geometry.x[:, up] + 0.5)
+        V = fem.functionspace(msh, ("Lagrange", 1, (d,)))
+        self.u, v = fem.Function(V), ufl.TestFunction(V)
+        stored = ff.bulk.stored_energy(
+            DENSITIES[energy](self.u, ff.bulk.Elastic(100.0, 0.3)), ufl.dx
+        )
+        F = ufl.derivative(stored, self.u, v)
+        ds = ufl.Measure("ds", msh, subdomain_data=tags)
+        axis = [0.0] * up
+        self.bodies, friction = [], ff.Coulomb(mu) if mu else ff.Frictionless()
+        motions = {1: None, 2: None}
+        if platens:
+            places = {1: 0.5, 2: -0.5}
+            motions = {
+                i: ff.RigidBody(msh, center=(*axis, y), name=f"platen {i}")
+                for i, y in places.items()
+            }
+            self.bodies = list(motions.values())
+        else:
+            load = fem.Constant(msh, np.array([*axis, -1.0]))
+            F -= ufl.inner(load, v) * ds(1)
+        if springs:
+            F += springs * self.u[0] * v[0] * ds(1)
+        left = mesh.locate_entities_boundary(msh, up, lambda x: np.isclose(x[0], -0.5))
+        dofs = fem.locate_dofs_topological(V.sub(0), up, left)
+        bcs = [fem.dirichletbc(0.0, dofs, V.sub(0))] if plane else []
+        sides = {1: (0.5, -1.0), 2: (-0.5, 1.0)} if platens else {2: (-0.5, 1.0)}
+        contacts = [
+            ff.Contact(
+                ff.ContactSurface(msh, tags, i, {1: "top", 2: "base"}[i]),
+                ff.RigidPlane((*axis, y), (*axis, n), motion=motions[i]),
+                friction,
+            )
+            for i, (y, n) in sides.items()
+        ]
+        self.problem = ff.FrictionalContactProblem(
+            F, self.u, contact=contacts, bcs=bcs, petsc_options_prefix=name
+        )
+
+    def drifted(self, **by):
+        """Say who would have drifted, had all bodies come by these components (m; rad)."""
+        start = [f.x.array.copy() for f in self.problem.unknowns]
+        floating = self.problem.floating
+        shapes = floating.motions(0, undeformed=self.problem.stiffness.linear)
+        for name, way in by.items():
+            j = floating.names.index(name)
+            start[0] -= way / floating.units[j] * shapes[:, j]
+            for q in start[1:]:
+                q[j] -= way
+        return bodies_adrift(self.problem, start)
+
+
+@pytest.mark.quick
+@pytest.mark.mpi
+@pytest.mark.parametrize("energy", DENSITIES)
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_block_on_a_frictionless_plane_may_not_fly_along_it(d, energy):
+    """Pressure holds it across the plane and upright; springs, friction or conditions along it."""
+    up = "y" if d == 2 else "z"
+    names = ("x",) if d == 2 else ("x", "y", "rz")
+    block = Block(f"slides_{d}{energy}_", d, energy=energy)
+    assert block.problem.solve().certified
+    assert block.drifted() == []
+    for name in names:
+        (line,) = block.drifted(**{name: 5.0})
+        assert line.startswith(f"the body with the surface 'base' has moved in {name} by 5, where")
+    held = {up: 5.0, **({"rz": 0.1} if d == 2 else {"rx": 0.1, "ry": 0.1})}
+    assert block.drifted(**held) == []
+    for options in ({"mu": 0.3}, {"springs": 1.0}, {"plane": True}) if energy == "small" else ():
+        carried = Block(f"carried_{d}{next(iter(options))}_", d, **options)
+        assert carried.problem.solve().certified
+        assert carried.drifted(x=5.0) == []
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("energy", DENSITIES)
+@pytest.mark.parametrize("d", [2, 3])
+def test_platens_and_what_is_between_them_drift_together(d, energy):
+    """Each alone is held by friction of the others, all together by nothing, or by the lower."""
+    block = Block(f"between_{d}{energy}_", d, 0.3, energy, platens=True)
+    upper, lower = block.bodies
+    upper.given.value[d - 1] = -0.01
+    assert block.problem.solve().certified
+    upper.free, lower.free = ("x", "y", "z")[:d], ("x", "y")[: d - 1]
+    upper.force.value[d - 1] = -1.0
+    assert block.problem.solve().certified
+    assert block.drifted() == []
+    lines = block.drifted(x=5.0)
+    owners = ("rigid body 'platen 1'", "rigid body 'platen 2'", "the body with the surface 'top'")
+    assert len(lines) == 3
+    for line, owner in zip(lines, owners, strict=True):
+        assert line.startswith(f"{owner[:-1]}")
+        assert "has moved in x by 5," in line
+    lower.free = ()
+    assert block.drifted(x=5.0) == []
+    lower.free, lower.spring.value[0] = ("x",), 1e-3
+    assert block.drifted(x=5.0) == []
+
+
+@pytest.mark.mpi
+def test_a_platen_without_friction_goes_where_moments_balance():
+    """A moment M and a load F move it by M/F along an upright block: its turn holds its motion."""
+    block = Block("moments_", platens=True)
+    upper, lower = block.bodies
+    upper.given.value[1] = -0.01
+    block.problem.solve()
+    upper.free, lower.free = ("x", "y", "rz"), ("x",)
+    upper.force.value[1], upper.moment.value[:] = -0.03, 0.006
+    assert block.problem.solve().certified
+    middle = 0.5 * (block.u.x.array[0::2].max() + block.u.x.array[0::2].min())
+    middle = block.problem.comm.allreduce(middle) / block.problem.comm.size
+    along = upper.q.x.array[0] - middle
+    assert along == pytest.approx(0.006 / 0.03, abs=1e-3)
+    assert abs(upper.q.x.array[2]) < 1e-3
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.5])
+def test_certified_blocks_between_free_platens_have_not_flown(mu):
+    """Platens that may slide and turn press a leaning block: a flight was certified once."""
+    block = Block(f"flown_{mu}_".replace(".", ""), mu=mu, platens=True, skew=0.3)
+    upper, lower = block.bodies
+    upper.given.value[1] = -0.01
+    block.problem.solve()
+    rng, certified = np.random.default_rng(1), 0
+    for i in range(6):
+        upper.free, lower.free = ("x", "y", "rz")[: 2 + i % 2], ("x", "rz")[: 1 + (i % 3 > 0)]
+        upper.force.value[1] = -abs(rng.normal())
+        upper.moment.value[:] = 0.01 * rng.normal() * (i % 2)
+        before = block.u.x.array.reshape(-1, 2)[:, 0].mean()
+        try:
+            certified += block.problem.solve().certified
+        except ff.StepFailed:
+            continue
+        assert abs(block.u.x.array.reshape(-1, 2)[:, 0].mean() - before) < 0.2
+    assert certified >= 2
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("d", [2, 3])
+def test_what_conditions_hold(d):
+    """A point holds no turn, a plane of symmetry no motion along it; a facet holds all."""
+    make = mesh.create_rectangle if d == 2 else mesh.create_box
+    cell = {2: mesh.CellType.triangle, 3: mesh.CellType.tetrahedron}[d]
+    msh = make(MPI.COMM_WORLD, [(0.0,) * d, (1.0,) * d], [3] * d, cell)
+    P1 = basix.ufl.element("Lagrange", msh.basix_cell(), 1)
+    bubble = basix.ufl.element("Bubble", msh.basix_cell(), d + 1)
+    mini = basix.ufl.blocked_element(basix.ufl.enriched_element([P1, bubble]), shape=(d,))
+    for element in (mini, ("Lagrange", 1, (d,)), ("Lagrange", 2, (d,))):
+        V = fem.functionspace(msh, element)
+        u = fem.Function(V)
+
+        def held(where, part=None, V=V):
+            W = V if part is None else V.sub(part)
+            facets = mesh.locate_entities_boundary(msh, 0 if part is None else d - 1, where)
+            dofs = fem.locate_dofs_topological(W, 0 if part is None else d - 1, facets)
+            value = np.zeros(d) if part is None else 0.0
+            return fem.dirichletbc(value, dofs, W)
+
+        corner = held(lambda x: np.all(abs(x[:d]) < 1e-12, axis=0))
+        plane = held(lambda x: abs(x[0]) < 1e-12, 0)
+        planes = [held(lambda x, i=i: abs(x[i]) < 1e-12, i) for i in range(d)]
+        for bcs, floats in (([], True), ([corner], True), ([plane], True), (planes, False)):
+            assert FloatingBodies(u, bcs).bodies == [0] * floats
+        assert FloatingBodies(u, [corner, plane]).bodies == [0] * (d == 3)
+        floating = FloatingBodies(u, [])
+        shapes = floating.motions(0, undeformed=True)
+        for j in range(len(floating.names)):
+            u.x.array[:] = shapes[:, j]
+            strain = ufl.inner(ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(u))) * ufl.dx
+            assert msh.comm.allreduce(fem.assemble_scalar(fem.form(strain))) < 1e-24
+            moved, rest = floating.moved(shapes, 0, 3.0 * u.x.array)
+            assert np.allclose(moved, 3.0 * np.eye(len(floating.names))[j], atol=1e-12)
+            assert rest < 1e-12
