@@ -73,7 +73,7 @@ def pushed_block(slope, mu, prefix, *, controlled):
     )
 
     def force():
-        momentum = problem.assemble_momentum()
+        momentum = problem.balance.momentum()
         held = problem.constrained_dofs
         return problem.comm.allreduce(float(np.sum(momentum[held[held < len(momentum)]])), MPI.SUM)
 

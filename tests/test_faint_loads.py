@@ -76,6 +76,8 @@ def column(nu, moved, mixed):
         (0.49999, True, 10.0, 1e-10),
         (0.499999, True, 1.0, 1e-9),
         (0.4999999, True, 0.01, 1e-10),
+        (0.3, False, 1e3, 1e-10),
+        (0.3, True, 1e3, 1e-10),
     ],
 )
 def test_a_load_near_rounding_is_carried_or_refused(nu, mixed, x, strain, moved):
@@ -92,3 +94,21 @@ def test_a_load_near_rounding_is_carried_or_refused(nu, mixed, x, strain, moved)
         assert np.all(problem.u.x.array == 0.0)
     else:
         assert force == pytest.approx(exact, rel=1e-8)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("mixed", [False, True])
+@pytest.mark.parametrize(("x", "strain"), [(30.0, 3e-13), (100.0, 1e-13), (1e4, 1e-10)])
+def test_a_load_below_rounding_is_refused(mixed, x, strain):
+    """It need not balance: any force of contact was certified."""
+    problem, press = column(0.3, False, mixed)
+    press(x, strain)
+    with pytest.raises(ff.StepFailed, match="forces too faint"):
+        problem.solve()
+    assert np.all(problem.u.x.array == 0.0)
+    press(x, 0.0)  # without load it may go so far
+    assert problem.solve().certified
+    press(2.0 * x, 1e-5 * x)
+    assert problem.solve().certified
+    press(x, 1e-5 * x * np.sin(np.pi))  # the end of a cycle
+    assert problem.solve().certified

@@ -59,7 +59,7 @@ def test_resultant_force_and_moment_are_the_reactions():
         model.move(*displacement)
         totals = problem.solve().contacts[0]
     V = problem.u.function_space
-    momentum = problem.assemble_momentum().reshape(-1, 3)
+    momentum = problem.balance.momentum().reshape(-1, 3)
     x = V.tabulate_dof_coordinates()[: len(momentum)]
     x = x + problem.u.x.array.reshape(-1, 3)[: len(momentum)]
     held = np.unique(problem.constrained_dofs // 3)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..certificate.scales import DIGITS, SHARE, Scales, joined
 from ..contact.contact import Contact
 from ..surfaces.bodies import number_bodies
 from ..surfaces.cells import extent, extreme_sizes
+from .balance import Balance
 from .bodies import link_bodies
 from .body_equation import BodyEquation, bodies_of
 from .boundary_measure import BoundaryMeasure
@@ -46,11 +47,11 @@ class ForceScales:
         stiffness: Diagonal of the bulk stiffness (N/m) at the owned dofs of the displacement.
         equations: The equations beside the momentum balance.
         terms: How contact enters the equations.
-        momentum: Returns the unbalanced nodal forces (N) of the owned dofs, reactions included.
-        residuals: Returns these, and the rows of the further equations.
+        balance: Assembles the rows of the equations.
 
     Attributes:
-        number: Number of bodies.
+        number, stiffest: Number of bodies, and the largest stiffness of each (N/m).
+        extent: Size of the mesh (m).
         surfaces: Groups the owned nodes of each contact, by body.
         nodes_across: Number of nodes across all contacts, a root of their number in 3D.
         equilibrium: The groups of the bodies and of the further equations.
@@ -69,12 +70,11 @@ class ForceScales:
         stiffness: Array,
         equations: Sequence[FurtherEquation | BodyEquation],
         terms: ContactTerms,
-        momentum: Callable[[], Array],
-        residuals: Callable[[], list[Array]],
+        balance: Balance,
     ) -> None:
         self._unknowns, self._contacts, self._bcs = list(unknowns), contacts, bcs
         self._u, self._terms, V = unknowns[0], terms, unknowns[0].function_space
-        self._momentum, self._residuals, self._equations = momentum, residuals, equations
+        self._balance, self._equations = balance, equations
         self._comm, (self.number, body) = V.mesh.comm, number_bodies(V)
         self._stiffness = abs(stiffness)
         self._bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]
@@ -85,14 +85,14 @@ class ForceScales:
         self._all, self._held = self._rows.bodies, self._rows.held
         self.equilibrium, self.held_rows = self._rows.equilibrium, self._rows.held_rows
         self.row_factors = self._rows.row_factors
-        self._stiffest = self._over_ranks(self._all.largest(self._stiffness))
+        self.stiffest = self.largest(self._stiffness)
         self._linked = link_bodies(contacts, self._bodies, V, body, self.number)
         nodes = sum(self._comm.allgather(sum(map(len, self._bodies))))
         self.nodes_across = nodes ** (1.0 / (each - 1))
         # What moves a node by the size of the mesh: more, as in a jammed corner, would hide errors.
-        self._size = extreme_sizes(V.mesh)[1], extent(V.mesh)
-        self._most = self._size[1] * self._stiffest
-        given = (self._comm, contacts, self._bodies, self.number, self._size[1])
+        self._cell, self.extent = extreme_sizes(V.mesh)[1], extent(V.mesh)
+        self._most = self.extent * self.stiffest
+        given = (self._comm, contacts, self._bodies, self.number, self.extent)
         self._tractions = Tractions(*given)
         self.surfaces = self._tractions.groups
         measured = [self, self._tractions, *equations]
@@ -101,7 +101,9 @@ class ForceScales:
 
     def begin(self) -> None:
         """Keep the forces at the start of a step, under its new loads and boundary values."""
-        forces = np.maximum(self._all.largest(abs(self._momentum())), self._contact_forces())
+        forces = np.maximum(
+            self._all.largest(abs(self._balance.momentum())), self._contact_forces()
+        )
         self._forces = self._over_ranks(forces)
         self._noise: Array = np.zeros(self.number)
         self._tractions.begin()
@@ -109,9 +111,9 @@ class ForceScales:
             np.maximum(abs(f.x.array), abs(with_conditions(f, self._bcs))) for f in self._unknowns
         ]
         given = self._all.largest(there[0][: len(self._stiffness)])
-        given = np.maximum(self._over_ranks(given), DIGITS * self._size[1])  # less is nothing
+        given = np.maximum(self._over_ranks(given), DIGITS * self.extent)  # less is nothing
         # Bodies that meet share the rounding of their forces and displacements.
-        noise = DIGITS * np.stack([self._stiffest * given, given])
+        noise = DIGITS * np.stack([self.stiffest * given, given])
         noise = np.concatenate([noise, self._doubts()[None]])
         linked = [np.max(noise[:, self._linked == part], axis=1) for part in self._linked]
         self._given, self._length, self._doubted = np.transpose(linked)
@@ -124,7 +126,7 @@ class ForceScales:
         found = np.zeros(self.number)
         for f, equation in zip(self._unknowns[1:], self._equations, strict=True):
             if (errors := equation.doubts()) is not None:
-                found += self._rounding(caused_by(f, errors, self._momentum), MOST_DOUBT)
+                found += self._rounding(caused_by(f, errors, self._balance.momentum), MOST_DOUBT)
         return found
 
     def _rounding(self, forces: Array, most: float) -> Array:
@@ -136,8 +138,8 @@ class ForceScales:
             forces: Forces at the owned dofs (N).
             most: The strain that makes more than rounding.
         """
-        found = self._over_ranks(self._all.largest(forces))
-        return np.where(found <= most * self._stiffest * self._size[0], found, 0.0)
+        found = self.largest(forces)
+        return np.where(found <= most * self.stiffest * self._cell, found, 0.0)
 
     def save(self) -> object:
         """Return what :meth:`begin` has set; not collective."""
@@ -150,10 +152,10 @@ class ForceScales:
 
     def find_noise(self) -> None:
         """Measure the rounding errors of the forces at this state, until the next step or call."""
-        momentum, *others = rounding_errors(self._unknowns, self._residuals)
+        momentum, *others = rounding_errors(self._unknowns, self._balance.rows)
         # What a body that has flown away adds to the rounding is no excuse for lost forces.
-        far = self._over_ranks(self._all.largest(abs(self._u.x.array[: len(self._stiffness)])))
-        near = self._size[1] + self._length / DIGITS
+        far = self.largest(abs(self._u.x.array[: len(self._stiffness)]))
+        near = self.extent + self._length / DIGITS
         self._noise = self._rounding(NOISE * momentum, MOST_NOISE) * (near / np.fmax(far, near))
         for equation, errors in zip(self._equations, others, strict=True):
             equation.find_noise(NOISE * errors)
@@ -175,7 +177,7 @@ class ForceScales:
         found = self._rows.residuals(rows)
         contacts = slice(self.number, self.number * (1 + len(self._contacts)))
         for reactions in (False, True):  # reactions cost an assembly
-            scales = self.scales(self._momentum() if reactions else None)
+            scales = self.scales(self._balance.momentum() if reactions else None)
             excess = scales.excess(*found, tolerance, SHARE)
             if np.max(excess) <= 1.0 or np.max(excess[contacts], initial=0.0) > 1.0:
                 break
@@ -190,6 +192,10 @@ class ForceScales:
         hidden = self._stiffness * abs(self._u.x.array[: len(self._stiffness)])
         bodies, contacts = self._of_forces(self._all.largest(hidden), momentum)
         return joined([bodies, contacts, *(e.scales(bodies) for e in self._equations)])
+
+    def largest(self, values: Array) -> Array:
+        """Return the largest of sizes at the owned dofs of each body."""
+        return self._over_ranks(self._all.largest(values))
 
     def boundary(self, dofs: npt.NDArray[np.int64], rows: npt.NDArray[np.int64]) -> BoundaryMeasure:
         """Return what measures some rows of bodies and contacts, at the dofs of contact.

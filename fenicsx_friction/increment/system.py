@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The system of equations: the user's bulk residual with contact rows beside it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import zip_longest
 
 from mpi4py import MPI
@@ -12,18 +13,18 @@ import ufl
 from dolfinx import default_scalar_type, fem, mesh
 
 from ..base.collective import on_all_ranks
-from ..base.compilation import compiled
 from ..base.errors import ContactInputError
 from ..base.literals import lifted_form
 from ..certificate.certificate import Certificate, certify
 from ..certificate.nodal_state import NodalState
 from ..contact.contact import Contact
-from ..equations.assembly import assemble_owned, weakly
+from ..equations.balance import Balance
 from ..equations.body_equation import bodies_of
 from ..equations.conditions import missed_values
 from ..equations.contact_terms import ContactTerms
 from ..equations.floating import FloatingBodies
 from ..equations.forces import ForceScales
+from ..equations.lost_loads import worst_of_lost_loads
 from ..equations.numbering import num_owned
 from ..equations.stiffness import Stiffness
 from ..solvers.condensing import solvers_of
@@ -58,6 +59,7 @@ class ContactSystem:
         num_steps: Number of accepted steps.
         monitor: Called with each :class:`~fenicsx_friction.SubstepReport`, or ``None``.
         terms: How contact enters the equations.
+        balance: Assembles the rows of the equations.
         constrained_dofs: Dofs of ``u`` under a boundary condition (local, unrolled).
         scales: Measures residuals by the forces of each body and contact.
         bulk, stiffness: The momentum balance without contact, and its derivative.
@@ -109,14 +111,13 @@ class ContactSystem:
         stiffness, tangent = set_up.stiffness_of(self.stiffness, V)
         given = (self.dt, self.settings.normal, self.bcs, stiffness, tangent)
         set_up.set_up_contacts(self.contacts, (self.u, self.u_old), *given)
-        self._bulk_form, *self._other_forms = (
-            compiled(fem.form, self.comm)(f, entity_maps=self._entity_maps) for f in blocks
-        )
         self.floating = FloatingBodies(self.u, self.bcs)
         self.constrained_dofs = self.floating.held
         self.state = [*self.unknowns, *(k.c for k in self.contacts)]
         self.rates = set_up.rates_of(self.unknowns, self.bodies, self.contacts)
         self.terms = ContactTerms(self.contacts, self.state, self.bcs)
+        number, maps = len(self.bodies), self._entity_maps
+        self.balance = Balance(blocks, self.unknowns, self.terms, number, maps)
         arguments = (self.unknowns, self.bcs, stiffness, self._entity_maps, self.contacts)
         self.scales = ForceScales(
             self.unknowns,
@@ -125,8 +126,7 @@ class ContactSystem:
             stiffness.x.array[: num_owned(stiffness)].copy(),
             set_up.further_equations(blocks[1:], *arguments),
             self.terms,
-            weakly(self, lambda there: there.assemble_momentum()),
-            weakly(self, lambda there: [there.assemble_momentum(), *there.assemble_others()]),
+            self.balance,
         )
         self.solvers = solvers_of(
             blocks,
@@ -137,7 +137,7 @@ class ContactSystem:
             options,
             self.scales,
             self.terms,
-            weakly(self, lambda there: list(there.assemble_without_contact())),
+            self.balance.without_contact,
             tangent,
         )
         parts = (options.prefix, self.solvers, self._eps, self._xi, self._ramp_sign)
@@ -193,19 +193,6 @@ class ContactSystem:
         self._xi.value, self._eps.value = np.asarray(xi), np.asarray(eps)
         self._ramp_sign.value = np.asarray(float(self.settings.ramp_sign))
 
-    def assemble_momentum(self) -> np.ndarray:
-        """Return the unbalanced nodal forces (N), reactions at prescribed dofs; owned dofs."""
-        return assemble_owned(self._bulk_form) + self.terms.momentum()
-
-    def assemble_without_contact(self) -> Iterator[np.ndarray]:
-        """Yield the rows of each equation but for the forces of contact; owned dofs."""
-        return (assemble_owned(f) for f in (self._bulk_form, *self._other_forms))
-
-    def assemble_others(self) -> list[np.ndarray]:
-        """Return the rows of the equations beside the momentum balance; owned dofs."""
-        contact = self.terms.balance()[1:] if self.bodies else [0.0] * len(self._other_forms)
-        return [assemble_owned(f) + c for f, c in zip(self._other_forms, contact, strict=True)]
-
     def nodal_states(self) -> list[NodalState]:
         """Return the nodal values of each contact on this rank."""
         return [k.present() for k in self.contacts]
@@ -216,13 +203,18 @@ class ContactSystem:
         if not certificate.excess <= 1.0:
             self.scales.find_noise()
             certificate = self._certify()
-        return certificate
+        return self._with_loads(certificate) if certificate.solved else certificate
+
+    def _with_loads(self, certificate: Certificate) -> Certificate:
+        """Return the certificate that also knows of loads that rounding hides."""
+        lost = worst_of_lost_loads(self.scales, self.balance, self.settings.tolerance)
+        return replace(certificate, resolution=lost, drowned=True) if lost > 0.0 else certificate
 
     def _certify(self) -> Certificate:
         """Certify the current values with the rounding errors measured so far."""
         states = self.nodal_states()
-        momentum = self.assemble_momentum()
-        found = self.scales.residuals(momentum, *self.assemble_others())
+        momentum, *others = self.balance.rows()
+        found = self.scales.residuals(momentum, *others)
         equations = self.scales.equilibrium
         pushed = max(k.pushed(s) for k, s in zip(self.contacts, states, strict=True))
         return certify(

@@ -19,7 +19,7 @@ from ..base.domains import check_terminals
 from ..base.errors import ContactInputError
 from ..base.literals import lifted_form
 from ..base.validators import instance
-from ..equations.assembly import assemble_owned
+from ..equations.balance import assemble_owned
 from ..problem import FrictionalContactProblem
 
 
@@ -152,7 +152,7 @@ class EnergyAudit:
         """Return stored energy, external and contact forces (owned dofs) at the current state."""
         comm = self._problem.comm
         energy = float(comm.allreduce(fem.assemble_scalar(self._stored), MPI.SUM))
-        momentum, contact = self._problem.assemble_momentum(), -self._problem.terms.momentum()
+        momentum, contact = self._problem.balance.momentum(), -self._problem.terms.momentum()
         forces = np.zeros_like(contact)
         held = self._problem.constrained_dofs
         held = held[held < len(forces)]

@@ -50,7 +50,7 @@ def compare(
         move(t)
         problem.terms.update()
         contact = [values.ravel() for values in problem.terms.residuals(substep.law)]
-        return [problem.assemble_momentum(), *problem.assemble_others(), *contact]
+        return [*problem.balance.rows(), *contact]
 
     def derivative(t: float) -> list[Array]:
         """Return the Jacobian there times the direction."""
