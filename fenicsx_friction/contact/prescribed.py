@@ -18,9 +18,10 @@ from . import frame
 
 #: A node touches at gaps below this fraction of its facets' size.
 TOUCH = 1e-8
-#: Largest sine of the angle between a held direction and the tangent plane: for rounding, and for
-#: the facets of a curved surface and averages over it.
-OBLIQUE, OBLIQUE_FACES = 1e-6, 0.3
+#: Largest sine of the angle between a held direction and the tangent plane: for rounding, for the
+#: facets of a curved surface and averages over it, and for facets where both sides stay on a plane.
+#: There nothing slips along the held direction, however the facets are inclined.
+OBLIQUE, OBLIQUE_FACES, OBLIQUE_SYMMETRY = 1e-6, 0.3, 0.7
 
 
 class Prescribed:
@@ -69,6 +70,9 @@ class Prescribed:
         most = OBLIQUE_FACES if self._pairing.tilted else OBLIQUE
         bad = frame.oblique(normals, fixed, most)
         if any_rank(side.surface.mesh.comm, bool(np.any(bad))):
+            if self._pairing.deformable:
+                resting = np.all(fixed == self._fixed_components(resting=True), axis=1)
+                bad &= ~resting | frame.oblique(normals, fixed, OBLIQUE_SYMMETRY)
             self._refuse_oblique(bad & rough())
         free = np.where(frame.pinned_directions(normals, fixed), 0.0, 1.0)
         hints, kept = side.nodal(side.hint), side.nodal(self._free)
@@ -109,11 +113,20 @@ class Prescribed:
                 "in whole, leave them out of the surface, or take Frictionless()."
             )
 
-    def _fixed_components(self) -> npt.NDArray[np.bool_]:
-        """Return, for each owned contact node, which Cartesian components are prescribed."""
-        nodes = self._side.owned(self._held.x.array) > 0.5
+    def _fixed_components(self, *, resting: bool = False) -> npt.NDArray[np.bool_]:
+        """Return, for each owned contact node, which Cartesian components are prescribed.
+
+        Args:
+            resting: Leave out the dofs that conditions move in this step.
+        """
         still = (self._held.x.array > 0.5) & (self._driven == 0.0)
-        return self._pairing.prescribed(self._held, nodes, still)
+        held = self._held
+        if resting:
+            held = held.copy()
+            held.x.array[:] = still
+            held.x.scatter_forward()
+        nodes = self._side.owned(held.x.array) > 0.5
+        return self._pairing.prescribed(held, nodes, still)
 
 
 def touch(pairing: Pairing) -> Array:
