@@ -76,10 +76,10 @@ class Block:
         """Say who would have drifted, had all bodies come by these components (m; rad)."""
         start = [f.x.array.copy() for f in self.problem.unknowns]
         floating = self.problem.floating
-        shapes = floating.motions(0, undeformed=self.problem.stiffness.linear)
+        shapes, units = floating.motions(0, undeformed=self.problem.stiffness.linear)
         for name, way in by.items():
             j = floating.names.index(name)
-            start[0] -= way / floating.units[j] * shapes[:, j]
+            start[0] -= way / units[j] * shapes[:, j]
             for q in start[1:]:
                 q[j] -= way
         return bodies_adrift(self.problem, start)
@@ -198,7 +198,7 @@ def test_what_conditions_hold(d):
             assert FloatingBodies(u, bcs).bodies == [0] * floats
         assert FloatingBodies(u, [corner, plane]).bodies == [0] * (d == 3)
         floating = FloatingBodies(u, [])
-        shapes = floating.motions(0, undeformed=True)
+        shapes, _ = floating.motions(0, undeformed=True)
         for j in range(len(floating.names)):
             u.x.array[:] = shapes[:, j]
             strain = ufl.inner(ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(u))) * ufl.dx

@@ -35,7 +35,7 @@ class FloatingBodies:
         bcs: Dirichlet conditions.
 
     Attributes:
-        names, units: Those of the rigid motions, and their sizes (m; rad).
+        names: Those of the rigid motions.
         bodies: The bodies, by number.
         length: Length of the mesh (m).
         held: The local dofs under a condition.
@@ -45,7 +45,6 @@ class FloatingBodies:
         V = u.function_space
         self._u, self.length, self._d = u, extent(V.mesh), V.mesh.geometry.dim
         self._comm, self.names = V.mesh.comm, COMPONENTS[self._d]
-        self.units = [self.length] * self._d + [1.0] * (len(self.names) - self._d)
         number, self._body = number_bodies(V)
         self._valued = _valued(V)
         self._X = V.tabulate_dof_coordinates()[:, : self._d]
@@ -58,10 +57,11 @@ class FloatingBodies:
         there = self._comm.allreduce(np.array(mine, dtype=np.int64), MPI.SUM)
         return [k.surface.name for k, n in zip(contacts, there, strict=True) if n]
 
-    def motions(self, body: int, *, undeformed: bool) -> Array:
-        """Return the rigid motions of a body, (local dofs, motions), zero elsewhere.
+    def motions(self, body: int, *, undeformed: bool) -> tuple[Array, Array]:
+        """Return the rigid motions of a body, (local dofs, motions), and their sizes (m; rad).
 
-        They move the body by the length of the mesh, or turn it by one rad about its middle.
+        They are zero elsewhere. They move the body by the length of the mesh, or turn it about its
+        middle, so that no point goes further along an axis.
 
         Args:
             body: The body.
@@ -71,13 +71,18 @@ class FloatingBodies:
         nodes = np.flatnonzero((self._body == body) & self._valued)
         motions = np.zeros((*x.shape, len(self.names)))
         motions[nodes] = self._about(x[nodes], self._middle(x, nodes))
-        return motions.reshape(x.size, len(self.names))
+        motions = motions.reshape(x.size, len(self.names))
+        arms = largest_of_ranks(self._comm, np.max(abs(motions), axis=0, initial=0.0))
+        units = np.divide(self.length, arms, out=np.ones_like(arms), where=arms > 0.0)
+        motions *= units
+        units[: self._d] = self.length
+        return motions, units
 
     def moved(self, motions: Array, body: int, way: Array) -> tuple[Array, float]:
         """Return how far a body has gone in each of its motions, and what they do not explain.
 
         Args:
-            motions: Those of :meth:`motions`.
+            motions: The shapes of its motions.
             body: The body.
             way: Change of the displacement at the local dofs (m).
 
@@ -117,12 +122,13 @@ class FloatingBodies:
         motions[:, :, :d] = np.eye(d) * self.length
         if d == 2:
             motions[:, :, 2] = np.column_stack([-arms[:, 1], arms[:, 0]])
-        for i in range(len(self.names) - d if d == 3 else 0):
+            return motions
+        for i in range(3):
             motions[:, i - 2, d + i], motions[:, i - 1, d + i] = -arms[:, i - 1], arms[:, i - 2]
         return motions
 
 
-def _valued(V: fem.FunctionSpace) -> Labels:
+def _valued(V: fem.FunctionSpace) -> npt.NDArray[np.bool_]:
     """Tell which local (blocked) dofs are values of the displacement: of MINI, no bubbles."""
     element = V.ufl_element()
     scalar = element.sub_elements[0] if element.sub_elements else element

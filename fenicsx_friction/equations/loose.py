@@ -24,7 +24,7 @@ FURTHER = 10.0
 
 @dataclass(frozen=True)
 class LooseMotion:
-    """One motion of one body: by the length of the mesh, or by one rad.
+    """One motion of one body: by the length of the mesh, or a turn that moves points so far.
 
     Attributes:
         owner: The body, in words.
@@ -88,7 +88,7 @@ def of_floating(
     *,
     undeformed: bool,
 ) -> Iterator[LooseMotion]:
-    """Yield the motions of all deformable bodies that conditions do not hold; collective.
+    """Yield the motions of those deformable bodies without conditions that have moved; collective.
 
     Args:
         floating: The bodies.
@@ -99,18 +99,21 @@ def of_floating(
     """
     others = [np.zeros_like(f.x.array) for f in state[1:]]
     for body in floating.bodies:
-        shapes = floating.motions(body, undeformed=undeformed)
+        shapes, units = floating.motions(body, undeformed=undeformed)
         moved, rest = floating.moved(shapes, body, state[0].x.array - start)
+        spared = max(MOVED, FURTHER * rest)
+        if np.all(abs(moved) <= spared):
+            continue  # it holds what cannot move without it
         surfaces = "', '".join(floating.surfaces_of(body, contacts))
         for j, name in enumerate(floating.names):
             values = [shapes[:, j], *others]
             yield LooseMotion(
                 f"the body with the surface '{surfaces}'",
                 name,
-                floating.units[j],
+                float(units[j]),
                 values,
                 values,
                 float(moved[j]),
-                max(MOVED, FURTHER * rest),
+                spared,
                 deformable=True,
             )

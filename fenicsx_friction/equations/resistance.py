@@ -57,8 +57,10 @@ class Resistance:
             for k, s, closed in zip(contacts, states, self._closed, strict=True)
         )
         self._force = self._comm.allreduce(force)
-        areas = [np.max(k.nodal_area(), initial=0.0) for k in contacts]
-        self._area = float(largest_of_ranks(self._comm, np.array([max(areas)]))[0])
+        areas = np.array([np.max(k.nodal_area(), initial=0.0) for k in contacts])
+        self._areas = largest_of_ranks(
+            self._comm, areas
+        )  # far apart, maybe
 
     def of(
         self,
@@ -85,7 +87,7 @@ class Resistance:
         if any(m.deformable for m in motions):
             work += self._of_bulk(motions, every, stiffness())
         parts = [self._few(held), self._few(self._felt(motions)), work]
-        sizes = [floating.length, floating.length * self._area, self._force]
+        sizes = [floating.length, floating.length, self._force]
         sizes[-1] = max(sizes[-1], float(np.max(abs(work))))
         # Infinite motions may leave no numbers, which resist nothing.
         whole = [
@@ -104,10 +106,11 @@ class Resistance:
         return np.concatenate(rows)
 
     def _felt_by(self, i: int, m: LooseMotion) -> Array:
-        """Return what the nodes of a contact feel of a motion, (nodes, d)."""
+        """Return what the nodes of a contact feel of a motion (m), (nodes, d)."""
         steps = self._terms.at_blocks(i, self._law, m.virtual, 0.0)
         pairs = zip(self._blocks[i].by_multipliers(), steps.by_multipliers(), strict=True)
-        return np.asarray(sum(np.einsum("nij,ni->nj", block, step) for block, (step, _) in pairs))
+        felt = sum(np.einsum("nij,ni->nj", block, step) for block, (step, _) in pairs)
+        return np.asarray(felt / self._areas[i])
 
     def _of_contact(self, motions: Sequence[LooseMotion], every: Sequence[LooseMotion]) -> Array:
         """Return the virtual work of the forces of contact that follow motions (N)."""
