@@ -58,9 +58,7 @@ class Resistance:
         )
         self._force = self._comm.allreduce(force)
         areas = np.array([np.max(k.nodal_area(), initial=0.0) for k in contacts])
-        self._areas = largest_of_ranks(
-            self._comm, areas
-        )  # far apart, maybe
+        self._areas = largest_of_ranks(self._comm, areas)  # far apart, maybe
 
     def of(
         self,
