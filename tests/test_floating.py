@@ -10,8 +10,10 @@ import ufl
 from dolfinx import fem, mesh
 
 import fenicsx_friction as ff
+from bodies import box, joined, sides
 from fenicsx_friction.equations.floating import FloatingBodies
 from fenicsx_friction.increment.adrift import bodies_adrift
+from models import by_place
 
 CELLS = {2: mesh.CellType.quadrilateral, 3: mesh.CellType.hexahedron}
 DENSITIES = {"small": ff.bulk.small_strain_energy, "finite": ff.bulk.neo_hooke_energy}
@@ -21,10 +23,20 @@ class Block:
     """A block of sides 1 without conditions: on a plane, or between two loaded platens."""
 
     def __init__(
-        self, name, d=2, mu=0.0, energy="small", platens=False, springs=0.0, skew=0.0, plane=False
+        self,
+        name,
+        d=2,
+        mu=0.0,
+        energy="small",
+        platens=False,
+        springs=0.0,
+        skew=0.0,
+        plane=False,
+        size=1.0,
+        numbers=None,
     ):
         make = mesh.create_rectangle if d == 2 else mesh.create_box
-        msh = make(MPI.COMM_WORLD, [(-0.5,) * d, (0.5,) * d], [4] * d, CELLS[d])
+        msh = make(MPI.COMM_WORLD, [(-0.5,) * d, (0.5,) * d], numbers or [4] * d, CELLS[d])
         up = d - 1
         parts = [
             mesh.locate_entities_boundary(msh, up, lambda x, y=y: np.isclose(x[up], y))
@@ -33,7 +45,9 @@ class Block:
         facets, which = np.concatenate(parts), np.repeat([1, 2], [len(p) for p in parts])
         order = np.argsort(facets)
         tags = mesh.meshtags(msh, up, facets[order], which[order].astype(np.int32))
+        left = mesh.locate_entities_boundary(msh, up, lambda x: np.isclose(x[0], -0.5))
         msh.geometry.x[:, 0] += skew * (msh.geometry.x[:, up] + 0.5)
+        msh.geometry.x[:] *= size
         V = fem.functionspace(msh, ("Lagrange", 1, (d,)))
         self.u, v = fem.Function(V), ufl.TestFunction(V)
         stored = ff.bulk.stored_energy(
@@ -45,21 +59,23 @@ class Block:
         self.bodies, friction = [], ff.Coulomb(mu) if mu else ff.Frictionless()
         motions = {1: None, 2: None}
         if platens:
-            places = {1: 0.5, 2: -0.5}
+            places = {1: 0.5 * size, 2: -0.5 * size}
             motions = {
                 i: ff.RigidBody(msh, center=(*axis, y), name=f"platen {i}")
                 for i, y in places.items()
             }
             self.bodies = list(motions.values())
         else:
-            load = fem.Constant(msh, np.array([*axis, -1.0]))
-            F -= ufl.inner(load, v) * ds(1)
+            self.load = fem.Constant(msh, np.array([*axis, -1.0]))
+            self.lean = fem.Constant(msh, 0.0)
+            uneven = 1.0 + self.lean * ufl.SpatialCoordinate(msh)[0]
+            F -= uneven * ufl.inner(self.load, v) * ds(1)
         if springs:
             F += springs * self.u[0] * v[0] * ds(1)
-        left = mesh.locate_entities_boundary(msh, up, lambda x: np.isclose(x[0], -0.5))
         dofs = fem.locate_dofs_topological(V.sub(0), up, left)
         bcs = [fem.dirichletbc(0.0, dofs, V.sub(0))] if plane else []
-        sides = {1: (0.5, -1.0), 2: (-0.5, 1.0)} if platens else {2: (-0.5, 1.0)}
+        half = 0.5 * size
+        sides = {1: (half, -1.0), 2: (-half, 1.0)} if platens else {2: (-half, 1.0)}
         contacts = [
             ff.Contact(
                 ff.ContactSurface(msh, tags, i, {1: "top", 2: "base"}[i]),
@@ -108,6 +124,93 @@ def test_a_block_on_a_frictionless_plane_may_not_fly_along_it(d, energy):
 
 
 @pytest.mark.mpi
+@pytest.mark.parametrize("size", [1.0, 1e-6])
+@pytest.mark.parametrize("stiffness", [1e-2, 1e-6])
+def test_a_weak_spring_holds_in_all_units(size, stiffness):
+    """A traction on it moves the block by its quotient, however small beside the pressure."""
+    block = Block(
+        f"spring_{size}{stiffness}_".replace(".", ""), springs=stiffness / size, size=size
+    )
+    assert block.problem.solve().certified
+    block.load.value[0] = 0.3 * stiffness
+    assert block.problem.solve().certified
+    assert middle(block.u)[0] == pytest.approx(0.3 * size, rel=1e-5)
+
+
+def middle(u):
+    """Return the middle of the displacements."""
+    x = by_place(u).reshape(-1, u.function_space.dofmap.bs)
+    return 0.5 * (x.max(axis=0) + x.min(axis=0))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+@pytest.mark.parametrize("numbers", [(4, 2), (6, 3), (8, 4)])
+def test_an_unloaded_block_has_not_flown(numbers, mu):
+    """Without load a node may touch with forces of rounding, which hold nothing."""
+    block = Block(
+        f"unloaded_{numbers[0]}{mu}_".replace(".", ""), mu=mu, energy="finite", numbers=numbers
+    )
+    block.lean.value = 0.7
+    certified = 0
+    for load in (5.0, 7.0, 5.0, 0.0, 5.0, 5.0 * np.sin(np.pi), 5.0):
+        block.load.value[1] = -load
+        before = middle(block.u)
+        try:
+            certified += block.problem.solve().certified
+        except ff.StepFailed:
+            continue
+        assert np.all(abs(middle(block.u) - before) < 0.8)  # ten times the squeeze
+    assert certified >= 4
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("energy", DENSITIES)
+@pytest.mark.parametrize("method", ["node-to-face", "mortar"])
+def test_an_unloaded_block_has_not_flown_from_its_base(method, energy):
+    """No node is closed, and the stiffness times a motion is rounding."""
+    boxes = (((0, 0), (2, 0.5), (8, 2)), ((0.5, 0.5), (1.5, 1.0), (6, 3)))
+    msh = joined(MPI.COMM_WORLD, *(box(*b, "quadrilateral") for b in boxes))
+    tags = sides(msh, 1, (0, 0.5, 0.5, 1.0), 1e-6)
+    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
+    u, v, held = fem.Function(V), ufl.TestFunction(V), fem.Function(V)
+    density = DENSITIES[energy](u, ff.bulk.Elastic(1000.0, 0.3))
+    F = ufl.derivative(ff.bulk.stored_energy(density, ufl.dx), u, v)
+    load, x = fem.Constant(msh, 0.0), ufl.SpatialCoordinate(msh)
+    F += load * (0.5 + x[0]) * v[1] * ufl.ds(domain=msh, subdomain_data=tags)(4)
+    contact = ff.Contact(
+        ff.ContactSurface(msh, tags, 1, "block"),
+        ff.DeformableObstacle(ff.ContactSurface(msh, tags, 2, "base"), method=method),
+        ff.Coulomb(0.4),
+    )
+    base = fem.locate_dofs_topological(V, 1, tags.find(3))
+    problem = ff.FrictionalContactProblem(
+        F,
+        u,
+        contact=contact,
+        bcs=[fem.dirichletbc(held, base)],
+        petsc_options_prefix=f"off_base_{method}_{energy}_",
+    )
+    certified = 0
+    for pressure, along in (
+        (20.0, 0.0),
+        (20.0, 0.6),
+        (5.0, 0.6),
+        (0.0, 0.6),
+        (0.0, 0.3),
+        (20.0, 0.6),
+    ):
+        load.value, held.x.array[0::2] = pressure, along
+        before = middle(u)
+        try:
+            certified += problem.solve().certified
+        except ff.StepFailed:
+            continue
+        assert np.all(abs(middle(u) - before) < 0.7)
+    assert certified >= 3
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("energy", DENSITIES)
 @pytest.mark.parametrize("d", [2, 3])
 def test_platens_and_what_is_between_them_drift_together(d, energy):
@@ -142,9 +245,7 @@ def test_a_platen_without_friction_goes_where_moments_balance():
     upper.free, lower.free = ("x", "y", "rz"), ("x",)
     upper.force.value[1], upper.moment.value[:] = -0.03, 0.006
     assert block.problem.solve().certified
-    middle = 0.5 * (block.u.x.array[0::2].max() + block.u.x.array[0::2].min())
-    middle = block.problem.comm.allreduce(middle) / block.problem.comm.size
-    along = upper.q.x.array[0] - middle
+    along = upper.q.x.array[0] - middle(block.u)[0]
     assert along == pytest.approx(0.006 / 0.03, abs=1e-3)
     assert abs(upper.q.x.array[2]) < 1e-3
 

@@ -53,10 +53,14 @@ class Scales:
     noise: Array
     lenient: npt.NDArray[np.bool_]
 
+    def nothing(self, tolerance: float) -> Array:
+        """Return what is below rounding, or below the tolerance times the forces before."""
+        rounding = np.maximum(self.given, self.noise)
+        return np.asarray(np.maximum(rounding, tolerance * self.before))
+
     def quiet(self, tolerance: float) -> npt.NDArray[np.bool_]:
-        """Tell where forces are below rounding, or below the tolerance times the forces before."""
-        nothing = np.maximum(np.maximum(self.given, self.noise), tolerance * self.before)
-        return np.asarray((self.largest <= nothing) & ~self.lenient)
+        """Tell where forces are below this."""
+        return np.asarray((self.largest <= self.nothing(tolerance)) & ~self.lenient)
 
     def excess(
         self, residual: Array, distance: Array, tolerance: float, share: float = 1.0

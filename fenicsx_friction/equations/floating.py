@@ -45,11 +45,11 @@ class FloatingBodies:
         V = u.function_space
         self._u, self.length, self._d = u, extent(V.mesh), V.mesh.geometry.dim
         self._comm, self.names = V.mesh.comm, COMPONENTS[self._d]
-        number, self._body = number_bodies(V)
+        self._number, self._body = number_bodies(V)
         self._valued = _valued(V)
         self._X = V.tabulate_dof_coordinates()[:, : self._d]
         self.held = constrained_dofs(V, bcs)
-        self.bodies = [b for b in range(number) if not self._is_held(b)]
+        self.bodies = [b for b in range(self._number) if not self._is_held(b)]
 
     def surfaces_of(self, body: int, contacts: Sequence[Contact]) -> list[str]:
         """Return the names of the contact surfaces that a body has."""
@@ -98,6 +98,16 @@ class FloatingBodies:
         rest = abs(went - own @ share)[here]
         most = largest_of_ranks(self._comm, np.array([np.max(rest, initial=0.0)]))[0]
         return share * size, float(most) * size / self.length
+
+    def deformation(self, way: Array, *, undeformed: bool) -> float:
+        """Return the largest displacement of all bodies beside their motions, over the length.
+
+        Args:
+            way: Change of the displacement at the local dofs (m).
+            undeformed: See :meth:`motions`.
+        """
+        shapes = ((b, self.motions(b, undeformed=undeformed)[0]) for b in range(self._number))
+        return max(self.moved(shape, b, way)[1] for b, shape in shapes)
 
     def _is_held(self, body: int) -> bool:
         """Tell whether conditions hold a body as a whole."""

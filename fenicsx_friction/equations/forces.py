@@ -52,7 +52,7 @@ class ForceScales:
     Attributes:
         number, stiffest: Number of bodies, and the largest stiffness of each (N/m).
         extent: Size of the mesh (m).
-        surfaces: Groups the owned nodes of each contact, by body.
+        surfaces, node_bodies: Groups the owned nodes of each contact by body; the body of each.
         nodes_across: Number of nodes across all contacts, a root of their number in 3D.
         equilibrium: The groups of the bodies and of the further equations.
         held_rows: The owned rows of the system that are conditions.
@@ -77,22 +77,22 @@ class ForceScales:
         self._balance, self._equations = balance, equations
         self._comm, (self.number, body) = V.mesh.comm, number_bodies(V)
         self._stiffness = abs(stiffness)
-        self._bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]
+        self.node_bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]
         each = V.dofmap.index_map_bs
         self._labels = np.repeat(body, each)[: len(stiffness)]
-        parts = (self._labels, self._bodies, self.number)
+        parts = (self._labels, self.node_bodies, self.number)
         self._rows = RowGroups(unknowns, contacts, bcs, self._stiffness, equations, *parts)
         self._all, self._held = self._rows.bodies, self._rows.held
         self.equilibrium, self.held_rows = self._rows.equilibrium, self._rows.held_rows
         self.row_factors = self._rows.row_factors
         self.stiffest = self.largest(self._stiffness)
-        self._linked = link_bodies(contacts, self._bodies, V, body, self.number)
-        nodes = sum(self._comm.allgather(sum(map(len, self._bodies))))
+        self._linked = link_bodies(contacts, self.node_bodies, V, body, self.number)
+        nodes = sum(self._comm.allgather(sum(map(len, self.node_bodies))))
         self.nodes_across = nodes ** (1.0 / (each - 1))
         # What moves a node by the size of the mesh: more, as in a jammed corner, would hide errors.
         self._cell, self.extent = extreme_sizes(V.mesh)[1], extent(V.mesh)
         self._most = self.extent * self.stiffest
-        given = (self._comm, contacts, self._bodies, self.number, self.extent)
+        given = (self._comm, contacts, self.node_bodies, self.number, self.extent)
         self._tractions = Tractions(*given)
         self.surfaces = self._tractions.groups
         measured = [self, self._tractions, *equations]

@@ -18,7 +18,7 @@ Array = npt.NDArray[np.floating]
 
 #: Motions (relative to the length of the mesh; rad) that are not rounding.
 MOVED = 1e-6
-#: A deformable body may go so many times further than it deforms, as if held at some point.
+#: A body may go so many times further than bodies deform where nothing holds it.
 FURTHER = 10.0
 
 
@@ -53,7 +53,7 @@ def without_springs(body: RigidBody) -> npt.NDArray[np.bool_]:
 
 
 def of_rigid(
-    body: RigidBody, state: Sequence[fem.Function], i: int, start: Array
+    body: RigidBody, state: Sequence[fem.Function], i: int, start: Array, deformed: float
 ) -> Iterator[LooseMotion]:
     """Yield the motions of a rigid body.
 
@@ -62,6 +62,7 @@ def of_rigid(
         state: All unknowns.
         i: Which of them is its motion.
         start: This one at the start of the step.
+        deformed: Largest change of shape of a deformable body in the step, over the length.
     """
     size = body.length * body.unit
     moved = (body.q.x.array - start) / size
@@ -75,7 +76,7 @@ def of_rigid(
             values,
             virtual,
             float(moved[j]),
-            MOVED,
+            max(MOVED, FURTHER * deformed),
             deformable=False,
         )
 

@@ -3,7 +3,8 @@
 
 Where neither conditions, springs nor contact resist a motion, each position is as good as another,
 and what a singular matrix gives is arbitrary. A body that has stayed there is as it should be, and
-a deformable one that has gone about as far as it deforms, as if it were held at some point.
+one that has gone about as far as bodies deform: a deformable one as if it were held at some point,
+a rigid one as if it still touched what it has left.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,7 +13,7 @@ import numpy as np
 
 from ..equations.floating import NOTHING
 from ..equations.loose import Array, LooseMotion, of_floating, of_rigid
-from ..equations.resistance import Resistance
+from .resistance import Resistance
 from .snapshot import Snapshot
 from .system import ContactSystem
 
@@ -43,9 +44,7 @@ def bodies_adrift(system: ContactSystem, start: Snapshot) -> list[str]:
     went = [m for m in every if not abs(m.moved) <= m.spared]
     if not went:
         return []
-    states, law = system.nodal_states(), system.projection.law
-    found = Resistance(system.state, system.contacts, states, system.terms, law)
-    adrift = _adrift(went, found.of(went, every, system.floating, system.stiffness.assemble))
+    adrift = _adrift(went, Resistance(system).of(went, every))
     lines = []
     for owner in dict.fromkeys(m.owner for m in adrift):
         ways = [m for m in adrift if m.owner == owner]
@@ -56,11 +55,13 @@ def bodies_adrift(system: ContactSystem, start: Snapshot) -> list[str]:
 
 def _motions(system: ContactSystem, start: Snapshot) -> Iterator[LooseMotion]:
     """Yield all motions that neither conditions, given values nor springs hold; collective."""
-    first = len(system.unknowns) - len(system.bodies)
-    for i, body in enumerate(system.bodies, start=first):
-        yield from of_rigid(body, system.state, i, start[i])
-    if (floating := system.floating).bodies:
-        linear = system.stiffness.linear
+    floating, linear = system.floating, system.stiffness.linear
+    if system.bodies:
+        first, way = len(system.unknowns) - len(system.bodies), system.u.x.array - start[0]
+        deformed = floating.deformation(way, undeformed=linear)
+        for i, body in enumerate(system.bodies, start=first):
+            yield from of_rigid(body, system.state, i, start[i], deformed)
+    if floating.bodies:
         yield from of_floating(floating, system.state, start[0], system.contacts, undeformed=linear)
 
 
@@ -72,7 +73,7 @@ def _adrift(motions: Sequence[LooseMotion], resistance: Array) -> list[LooseMoti
         resistance: What resists them, relative, one column each.
     """
     arms = np.max(abs(resistance), axis=0)  # long ones, if the center is far away
-    resists = arms > NOTHING * max(1.0, float(np.max(arms)))
+    resists = arms > NOTHING
     arms[~resists] = 1.0
     _, sizes, directions = np.linalg.svd(resistance * resists / arms)
     nothing = directions[sizes <= NOTHING * max(1.0, float(np.max(sizes)))]

@@ -15,6 +15,7 @@ from ..equations.conditions import with_conditions
 from ..equations.held import check_held
 from . import others, snapshot
 from .background import background
+from .carrying import forget_rounding
 from .correctors import CONDENSED_FALLBACKS, FALLBACKS, Attempt
 from .diagnosis import explain, explain_not_finite
 from .extrapolation import commit_rates
@@ -57,6 +58,7 @@ def _advance(system: ContactSystem) -> StepReport:
         if report.certificate.solved:
             report = others.choose(trials, way, report)
             check_metrics(system.contacts)  # they may depend on the slip
+            forget_rounding(system)
             commit_rates(system, trials.start)
             system.commit()
             if not way.condensed and way.attempt is not None:

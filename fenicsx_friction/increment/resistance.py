@@ -1,24 +1,21 @@
 # SPDX-License-Identifier: MIT
 """What resists motions of whole bodies: conditions, closed contact, springs and turning forces."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
 from ..base.collective import largest_of_ranks
-from ..certificate.nodal_state import OPEN, NodalState
+from ..certificate.nodal_state import OPEN
 from ..certificate.scales import DIGITS
-from ..contact.contact import Contact
-from .contact_terms import ContactTerms, Law, add_rows
-from .floating import FloatingBodies
-from .loose import LooseMotion
-from .numbering import num_owned
+from ..equations.contact_terms import add_rows
+from ..equations.loose import LooseMotion
+from ..equations.numbering import num_owned
+from .carrying import carrying
+from .system import ContactSystem
 
 Array = npt.NDArray[np.floating]
 #: Rounding of the virtual work of a body, in units of that of stiffness times motion.
@@ -29,44 +26,29 @@ class Resistance:
     """Finds what resists motions; methods are collective.
 
     Args:
-        state: All unknowns, multipliers last.
-        contacts: The contacts.
-        states: Their nodal values on this rank.
-        terms: How contact enters the equations.
-        law: Rows of the contacts.
+        system: The system, at a solution.
     """
 
-    def __init__(
-        self,
-        state: Sequence[fem.Function],
-        contacts: Sequence[Contact],
-        states: Sequence[NodalState],
-        terms: ContactTerms,
-        law: Law,
-    ) -> None:
-        self._sizes = [num_owned(f) for f in state]
-        self._comm, self._terms, self._law = contacts[0].surface.mesh.comm, terms, law
-        self._blocks, self._places = terms.matrices(law), terms.places(law)
-        self._closed = [s.states() != OPEN for s in states]  # what others carry is rounding
+    def __init__(self, system: ContactSystem) -> None:
+        self._system, self._comm = system, system.comm
+        self._sizes = [num_owned(f) for f in system.state]
+        self._terms, self._law = system.terms, system.projection.law
+        self._blocks, self._places = self._terms.matrices(self._law), self._terms.places(self._law)
+        states = system.nodal_states()
+        closed = [s.states() != OPEN for s in states]
+        self._closed = [a & b for a, b in zip(closed, carrying(system, states), strict=True)]
         self._rough = [
-            closed & ((s.limit > 0.0) | s.ties | (s.own_map is not None))
-            for closed, s in zip(self._closed, states, strict=True)
+            c & ((s.limit > 0.0) | s.ties | (s.own_map is not None))
+            for c, s in zip(self._closed, states, strict=True)
         ]
-        force = sum(
-            float(np.linalg.norm(s.c[closed], axis=1) @ k.nodal_area()[closed])
-            for k, s, closed in zip(contacts, states, self._closed, strict=True)
-        )
-        self._force = self._comm.allreduce(force)
-        areas = np.array([np.max(k.nodal_area(), initial=0.0) for k in contacts])
+        self._forces = [
+            np.linalg.norm(s.c, axis=1) * k.nodal_area() * c
+            for k, s, c in zip(system.contacts, states, self._closed, strict=True)
+        ]
+        areas = np.array([np.max(k.nodal_area(), initial=0.0) for k in system.contacts])
         self._areas = largest_of_ranks(self._comm, areas)  # far apart, maybe
 
-    def of(
-        self,
-        motions: Sequence[LooseMotion],
-        every: Sequence[LooseMotion],
-        floating: FloatingBodies,
-        stiffness: Callable[[], PETSc.Mat],
-    ) -> Array:
+    def of(self, motions: Sequence[LooseMotion], every: Sequence[LooseMotion]) -> Array:
         """Return what resists motions, relative, one column each.
 
         They meet conditions, the pressures and friction of closed nodes, springs in the bulk, and
@@ -75,25 +57,29 @@ class Resistance:
         Args:
             motions: The motions.
             every: All loose motions: the work of forces in each is one row.
-            floating: Knows the conditions.
-            stiffness: Assembles that of the displacement (N/m), without contact.
         """
-        held = np.stack([m.values[0][floating.held] for m in motions], axis=1)
+        length, held = self._system.floating.length, self._system.floating.held
+        rows = np.stack([m.values[0][held] for m in motions], axis=1)
+        forces = length * self._comm.allreduce(np.array([self._force_on(m) for m in every]))
         work = np.zeros((len(every), len(motions)))
-        if self._force > 0.0:
-            work += self._of_contact(motions, every)
+        if np.any(forces > 0.0):
+            work += np.where(forces > 0.0, 1.0, 0.0)[:, None] * self._of_contact(motions, every)
         if any(m.deformable for m in motions):
-            work += self._of_bulk(motions, every, stiffness())
-        parts = [self._few(held), self._few(self._felt(motions)), work]
-        sizes = [floating.length, floating.length, self._force]
-        sizes[-1] = max(sizes[-1], float(np.max(abs(work))))
+            work += self._of_bulk(motions, every)
+        largest = np.maximum(forces, np.max(abs(work), axis=1))[:, None]
+        relative = np.divide(work, largest, out=np.zeros_like(work), where=largest > 0.0)
+        parts = [self._few(rows) / length, self._few(self._felt(motions)) / length, relative]
         # Infinite motions may leave no numbers, which resist nothing.
-        whole = [
-            s > 0.0 and bool(np.all(np.isfinite(p / s))) for p, s in zip(parts, sizes, strict=True)
-        ]
-        return np.concatenate(
-            [p / s if w else np.zeros_like(p) for p, s, w in zip(parts, sizes, whole, strict=True)]
-        )
+        return np.concatenate([np.where(np.isfinite(p), p, 0.0) for p in parts])
+
+    def _force_on(self, m: LooseMotion) -> float:
+        """Return the sum of the forces of nodes that feel a motion (N), on this rank."""
+        total = 0.0
+        for i, forces in enumerate(self._forces):
+            steps = self._terms.at_blocks(i, self._law, m.virtual, 0.0).by_multipliers()
+            feels = np.any([np.any(step != 0.0, axis=1) for step, _ in steps], axis=0)
+            total += float(np.sum(forces[feels]))
+        return total
 
     def _felt(self, motions: Sequence[LooseMotion]) -> Array:
         """Return what closed nodes feel: motions along their normals, and others where rough."""
@@ -111,7 +97,7 @@ class Resistance:
         return np.asarray(felt / self._areas[i])
 
     def _of_contact(self, motions: Sequence[LooseMotion], every: Sequence[LooseMotion]) -> Array:
-        """Return the virtual work of the forces of contact that follow motions (N)."""
+        """Return the virtual work of the forces of contact that follow motions (N m)."""
         columns = []
         for m in motions:
             vector = PETSc.Vec().createMPI((sum(self._sizes), None), comm=self._comm)
@@ -125,26 +111,21 @@ class Resistance:
             vector.destroy()
         return np.asarray(self._comm.allreduce(np.column_stack(columns)))
 
-    def _of_bulk(
-        self, motions: Sequence[LooseMotion], every: Sequence[LooseMotion], stiffness: PETSc.Mat
-    ) -> Array:
-        """Return the virtual work of the forces in the bulk that motions make (N)."""
+    def _of_bulk(self, motions: Sequence[LooseMotion], every: Sequence[LooseMotion]) -> Array:
+        """Return the virtual work of the forces in the bulk that motions make (N m)."""
+        stiffness, n = self._system.stiffness.assemble(), self._sizes[0]
         motion, forces = stiffness.createVecs()
-        diagonal, n = abs(stiffness.getDiagonal().array_r), self._sizes[0]
-        columns, rounding = [], []
+        diagonal, columns = abs(stiffness.getDiagonal().array_r), []
         for m in motions:
             motion.array[:] = m.values[0][:n]
             stiffness.mult(motion, forces)
             columns.append(self._works(every, forces.array_r))
-            rounding.append(
-                [abs(v.values[0][:n]) @ (diagonal * abs(m.values[0][:n])) for v in every]
-            )
         for o in (motion, forces, stiffness):
             o.destroy()
-        work, noise = self._comm.allreduce(
-            np.stack([np.transpose(columns), np.transpose(rounding)])
-        )
-        return np.where(abs(work) > SUMMED * DIGITS * noise, work, 0.0)
+        rounding = [[diagonal @ m.values[0][:n] ** 2 for m in part] for part in (every, motions)]
+        work = self._comm.allreduce(np.column_stack(columns))
+        a, b = (np.sqrt(self._comm.allreduce(np.array(part))) for part in rounding)
+        return np.where(abs(work) > SUMMED * DIGITS * np.outer(a, b), work, 0.0)
 
     def _works(self, motions: Sequence[LooseMotion], forces: Array) -> Array:
         """Return the virtual work of forces at the first owned rows, on this rank."""
