@@ -68,6 +68,7 @@ def unphysical_part(worst: Array, tractions: Array, loud: npt.NDArray[np.bool_])
     return max(negative, _worst(values["negative_dissipation"][loud], power))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # Newton may have gone to infinity
 def _violations(state: NodalState) -> Array:
     """Return how far each node is from each condition, then slip, elastic length and map (m)."""
     c_n, c_t = state.c[:, 0], np.linalg.norm(state.c[:, 1:], axis=1)

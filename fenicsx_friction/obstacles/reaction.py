@@ -39,6 +39,7 @@ class Reactions:
     force_by_q: Array
 
 
+@np.errstate(over="ignore", invalid="ignore")  # Newton may have gone to infinity
 def reactions(
     values: Array, slopes: tuple[Array, Array], c: Array, center: Array, length: float
 ) -> Reactions:
