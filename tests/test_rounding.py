@@ -11,7 +11,9 @@ import fenicsx_friction as ff
 from bodies import stack
 from fenicsx_friction.equations.noise import rounding_errors
 from models import tagged_facets
+from pressed import Half
 from rectangles import body, turned
+from test_rigid_bodies import platen
 
 STEEL, DENSITY, SIDE, ANGLE = 2e11, 7800.0, 0.1, 0.5
 
@@ -225,3 +227,16 @@ def belt(msh, surfaces):
     """A plane that is to move along itself."""
     plane = ff.RigidPlane((0.0, 0.0), (0.0, 1.0), motion=ff.RigidMotion(msh))
     return [ff.Contact(surfaces[1], plane, ff.Coulomb(0.3))]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("energy", ["small", "finite"])
+def test_an_unloaded_body_may_wait(energy):
+    """Tractions of the size of what stresses round are nothing, in each of the idle steps."""
+    model = Half(f"waits_{energy}_", platen, mu=0.3, energy=energy)
+    given = model.body.given.value
+    for x, y in ((0.0, -0.05), (0.02, -0.05), *[(0.02, 0.0)] * 8, (0.02, 0.1), (0.02, 0.1)):
+        given[:2] = x, y
+        assert model.problem.solve().certified
+        if y >= 0.0:
+            assert np.max(abs(model.u.x.array)) < 1e-12

@@ -233,7 +233,7 @@ class ForceScales:
         given = self._given + np.where(contact <= self._given, self._doubted, 0.0)
         bodies = Scales(forces, self._forces, hidden, given, self._length, self._noise, strict)
         loads = np.maximum(forces, self._forces)
-        return bodies, self._tractions.scales(loads, self._given, self._length)
+        return bodies, self._tractions.scales(loads, self._given, self._length, self._noise)
 
     def _contact_forces(self) -> Array:
         """Return the largest contact force on a node of each body (N), of this rank."""

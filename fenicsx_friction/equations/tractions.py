@@ -61,13 +61,15 @@ class Tractions:
             largest = np.maximum(largest, group.largest(k.nodal_area() * lengths))
         return largest
 
-    def scales(self, forces: Array, given: Array, length: Array) -> Scales:
+    def scales(self, forces: Array, given: Array, length: Array, noise: Array) -> Scales:
         """Measure all groups; collective.
 
         Args:
             forces: Forces of each body, now and at the start (N).
             given: Forces of each body that its given displacements leave unresolved (N).
             length: These displacements times the digits (m).
+            noise: Measured rounding errors of the forces of each body (N). They excuse no
+                traction that is larger.
         """
         each = len(self._contacts)
         rounded = [
@@ -76,14 +78,17 @@ class Tractions:
         ]
         unresolved = DIGITS * self._by_contact(rounded)
         bonded = np.where(self._resting > 0.0, unresolved, 0.0)  # slips of bonds are rounding
+        largest = self._by_contact(self._lengths())
+        noise = np.tile(noise, each) * self._per_area
+        noise = np.where(largest <= noise, noise, 0.0)
         loads = np.maximum(np.tile(forces, each), np.repeat(loads_of(self._contacts), self._number))
         return Scales(
-            np.minimum(self._by_contact(self._lengths()), self._most),
+            np.minimum(largest, self._most),
             np.maximum(self._before, FAINT * loads * self._per_area),
             unresolved,
             np.maximum(np.tile(given, each) * self._per_area, bonded),
             np.maximum(np.tile(length, each), self._resting),
-            np.zeros(each * self._number),
+            noise,
             np.zeros(each * self._number, dtype=bool),
         )
 
