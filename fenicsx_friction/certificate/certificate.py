@@ -60,7 +60,7 @@ class Certificate:
         drowned: Whether the residual of some body or contact is only rounding, but more of it than
             may pass.
         crossed: Number of contacts with nodes that went through the obstacle within the step.
-        adrift: Number of rigid bodies that have moved in a direction in which nothing holds them.
+        adrift: Number of bodies that have moved in a direction in which nothing holds them.
     """
 
     normal_map: float

@@ -37,22 +37,16 @@ class Balance:
         make = compiled(fem.form, unknowns[0].function_space.mesh.comm)
         self._forms = [make(f, entity_maps=list(entity_maps)) for f in blocks]
         self._fields = list(unknowns[: len(unknowns) - bodies])
-        self._terms, self._bodies = terms, bodies
+        self._terms = terms
 
     def momentum(self) -> Array:
         """Return the unbalanced nodal forces (N), reactions at prescribed dofs."""
-        return np.asarray(assemble_owned(self._forms[0]) + self._terms.momentum())
-
-    def others(self) -> list[Array]:
-        """Return the rows of the equations beside the momentum balance."""
-        rows = [assemble_owned(f) for f in self._forms[1:]]
-        if self._bodies:
-            rows = [r + c for r, c in zip(rows, self._terms.balance()[1:], strict=True)]
-        return rows
+        return assemble_owned(self._forms[0]) + self._terms.momentum()
 
     def rows(self) -> list[Array]:
         """Return all rows."""
-        return [self.momentum(), *self.others()]
+        parts = zip(self.without_contact(), self._terms.balance(), strict=True)
+        return [bulk + contact for bulk, contact in parts]
 
     def without_contact(self) -> list[Array]:
         """Return all rows but for the forces of contact."""

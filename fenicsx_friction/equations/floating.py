@@ -35,6 +35,7 @@ class FloatingBodies:
         bcs: Dirichlet conditions.
 
     Attributes:
+        number, body: Number of all bodies, and the body of each local (blocked) dof.
         names: Those of the rigid motions.
         bodies: The bodies, by number.
         length: Length of the mesh (m).
@@ -45,15 +46,15 @@ class FloatingBodies:
         V = u.function_space
         self._u, self.length, self._d = u, extent(V.mesh), V.mesh.geometry.dim
         self._comm, self.names = V.mesh.comm, COMPONENTS[self._d]
-        self._number, self._body = number_bodies(V)
+        self.number, self.body = number_bodies(V)
         self._valued = _valued(V)
         self._X = V.tabulate_dof_coordinates()[:, : self._d]
         self.held = constrained_dofs(V, bcs)
-        self.bodies = [b for b in range(self._number) if not self._is_held(b)]
+        self.bodies = [b for b in range(self.number) if not self._is_held(b)]
 
     def surfaces_of(self, body: int, contacts: Sequence[Contact]) -> list[str]:
         """Return the names of the contact surfaces that a body has."""
-        mine = [bool(np.any(self._body[k.parent_dofs] == body)) for k in contacts]
+        mine = [bool(np.any(self.body[k.parent_dofs] == body)) for k in contacts]
         there = self._comm.allreduce(np.array(mine, dtype=np.int64), MPI.SUM)
         return [k.surface.name for k, n in zip(contacts, there, strict=True) if n]
 
@@ -68,7 +69,7 @@ class FloatingBodies:
             undeformed: Whether they are those of where it was at first.
         """
         x = self._X if undeformed else self._X + self._u.x.array.reshape(self._X.shape)
-        nodes = np.flatnonzero((self._body == body) & self._valued)
+        nodes = np.flatnonzero((self.body == body) & self._valued)
         motions = np.zeros((*x.shape, len(self.names)))
         motions[nodes] = self._about(x[nodes], self._middle(x, nodes))
         motions = motions.reshape(x.size, len(self.names))
@@ -94,7 +95,7 @@ class FloatingBodies:
         own, went = motions[:n], way[:n] / max(size, np.finfo(float).tiny)
         both = self._comm.allreduce(np.column_stack([own.T @ own, own.T @ went]))
         share = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=None)[0]
-        here = np.repeat(((self._body == body) & self._valued)[: n // self._d], self._d)
+        here = np.repeat(((self.body == body) & self._valued)[: n // self._d], self._d)
         rest = abs(went - own @ share)[here]
         most = largest_of_ranks(self._comm, np.array([np.max(rest, initial=0.0)]))[0]
         return share * size, float(most) * size / self.length
@@ -106,17 +107,16 @@ class FloatingBodies:
             way: Change of the displacement at the local dofs (m).
             undeformed: See :meth:`motions`.
         """
-        shapes = ((b, self.motions(b, undeformed=undeformed)[0]) for b in range(self._number))
+        shapes = ((b, self.motions(b, undeformed=undeformed)[0]) for b in range(self.number))
         return max(self.moved(shape, b, way)[1] for b, shape in shapes)
 
     def _is_held(self, body: int) -> bool:
         """Tell whether conditions hold a body as a whole."""
         nodes, component = np.divmod(self.held, self._d)
-        here = self._body[nodes] == body
-        middle = self._middle(self._X, np.flatnonzero((self._body == body) & self._valued))
+        here = self.body[nodes] == body
+        middle = self._middle(self._X, np.flatnonzero((self.body == body) & self._valued))
         rows = self._about(self._X[nodes[here]], middle)[np.arange(np.sum(here)), component[here]]
-        triangles = self._comm.allgather(np.linalg.qr(rows, mode="r"))
-        sizes = np.linalg.svd(np.concatenate(triangles), compute_uv=False)
+        sizes = np.linalg.svd(fewer_rows(self._comm, rows), compute_uv=False)
         return len(sizes) == len(self.names) and bool(sizes[-1] > NOTHING * sizes[0])
 
     def _middle(self, x: Array, nodes: Labels) -> Array:
@@ -136,6 +136,11 @@ class FloatingBodies:
         for i in range(3):
             motions[:, i - 2, d + i], motions[:, i - 1, d + i] = -arms[:, i - 1], arms[:, i - 2]
         return motions
+
+
+def fewer_rows(comm: MPI.Intracomm, rows: Array) -> Array:
+    """Return few rows that resist the same as those of all ranks; collective."""
+    return np.concatenate(comm.allgather(np.linalg.qr(rows, mode="r")))
 
 
 def _valued(V: fem.FunctionSpace) -> npt.NDArray[np.bool_]:

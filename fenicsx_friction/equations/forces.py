@@ -14,14 +14,14 @@ from ..base.collective import largest_of_ranks
 from ..base.groups import Array, Groups
 from ..certificate.scales import DIGITS, SHARE, Scales, joined
 from ..contact.contact import Contact
-from ..surfaces.bodies import number_bodies
-from ..surfaces.cells import extent, extreme_sizes
+from ..surfaces.cells import extreme_sizes
 from .balance import Balance
 from .bodies import link_bodies
 from .body_equation import BodyEquation, bodies_of
 from .boundary_measure import BoundaryMeasure
 from .conditions import with_conditions
 from .contact_terms import ContactTerms
+from .floating import FloatingBodies
 from .further_equation import FurtherEquation
 from .noise import caused_by, rounding_errors
 from .row_groups import RowGroups
@@ -48,6 +48,7 @@ class ForceScales:
         equations: The equations beside the momentum balance.
         terms: How contact enters the equations.
         balance: Assembles the rows of the equations.
+        floating: Knows the bodies.
 
     Attributes:
         number, stiffest: Number of bodies, and the largest stiffness of each (N/m).
@@ -71,11 +72,12 @@ class ForceScales:
         equations: Sequence[FurtherEquation | BodyEquation],
         terms: ContactTerms,
         balance: Balance,
+        floating: FloatingBodies,
     ) -> None:
         self._unknowns, self._contacts, self._bcs = list(unknowns), contacts, bcs
         self._u, self._terms, V = unknowns[0], terms, unknowns[0].function_space
         self._balance, self._equations = balance, equations
-        self._comm, (self.number, body) = V.mesh.comm, number_bodies(V)
+        self._comm, self.number, body = V.mesh.comm, floating.number, floating.body
         self._stiffness = abs(stiffness)
         self.node_bodies = [body[k.parent_dofs[: k.surface.num_owned]] for k in contacts]
         each = V.dofmap.index_map_bs
@@ -90,7 +92,7 @@ class ForceScales:
         nodes = sum(self._comm.allgather(sum(map(len, self.node_bodies))))
         self.nodes_across = nodes ** (1.0 / (each - 1))
         # What moves a node by the size of the mesh: more, as in a jammed corner, would hide errors.
-        self._cell, self.extent = extreme_sizes(V.mesh)[1], extent(V.mesh)
+        self._cell, self.extent = extreme_sizes(V.mesh)[1], floating.length
         self._most = self.extent * self.stiffest
         given = (self._comm, contacts, self.node_bodies, self.number, self.extent)
         self._tractions = Tractions(*given)

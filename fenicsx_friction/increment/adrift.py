@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..equations.floating import NOTHING
-from ..equations.loose import Array, LooseMotion, of_floating, of_rigid
+from ..equations.loose import Array, LooseMotion, of_floating, of_rigid, without_springs
 from .resistance import Resistance
 from .snapshot import Snapshot
 from .system import ContactSystem
@@ -56,7 +56,7 @@ def bodies_adrift(system: ContactSystem, start: Snapshot) -> list[str]:
 def _motions(system: ContactSystem, start: Snapshot) -> Iterator[LooseMotion]:
     """Yield all motions that neither conditions, given values nor springs hold; collective."""
     floating, linear = system.floating, system.stiffness.linear
-    if system.bodies:
+    if any(np.any(without_springs(body)) for body in system.bodies):
         first, way = len(system.unknowns) - len(system.bodies), system.u.x.array - start[0]
         deformed = floating.deformation(way, undeformed=linear)
         for i, body in enumerate(system.bodies, start=first):

@@ -35,6 +35,8 @@ def forget_rounding(system: ContactSystem) -> None:
     """
     scales, number = system.scales, system.scales.number
     quiet = scales.scales().quiet(system.settings.tolerance)[number:]
+    if not np.any(quiet):
+        return
     states = system.nodal_states()
     for i, (k, s, body) in enumerate(zip(system.contacts, states, scales.node_bodies, strict=True)):
         c = k.pairing.side.nodal(k.c)

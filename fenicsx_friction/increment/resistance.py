@@ -12,6 +12,7 @@ from ..base.collective import largest_of_ranks
 from ..certificate.nodal_state import OPEN
 from ..certificate.scales import DIGITS
 from ..equations.contact_terms import add_rows
+from ..equations.floating import fewer_rows
 from ..equations.loose import LooseMotion
 from ..equations.numbering import num_owned
 from .carrying import carrying
@@ -63,14 +64,14 @@ class Resistance:
         forces = length * self._comm.allreduce(np.array([self._force_on(m) for m in every]))
         work = np.zeros((len(every), len(motions)))
         if np.any(forces > 0.0):
-            work += np.where(forces > 0.0, 1.0, 0.0)[:, None] * self._of_contact(motions, every)
+            work += (forces > 0.0)[:, None] * self._of_contact(motions, every)
         if any(m.deformable for m in motions):
             work += self._of_bulk(motions, every)
         largest = np.maximum(forces, np.max(abs(work), axis=1))[:, None]
         relative = np.divide(work, largest, out=np.zeros_like(work), where=largest > 0.0)
-        parts = [self._few(rows) / length, self._few(self._felt(motions)) / length, relative]
+        parts = [fewer_rows(self._comm, part) / length for part in (rows, self._felt(motions))]
         # Infinite motions may leave no numbers, which resist nothing.
-        return np.concatenate([np.where(np.isfinite(p), p, 0.0) for p in parts])
+        return np.concatenate([np.where(np.isfinite(p), p, 0.0) for p in (*parts, relative)])
 
     def _force_on(self, m: LooseMotion) -> float:
         """Return the sum of the forces of nodes that feel a motion (N), on this rank."""
@@ -98,7 +99,7 @@ class Resistance:
 
     def _of_contact(self, motions: Sequence[LooseMotion], every: Sequence[LooseMotion]) -> Array:
         """Return the virtual work of the forces of contact that follow motions (N m)."""
-        columns = []
+        columns, shares = [], self._shares(every)
         for m in motions:
             vector = PETSc.Vec().createMPI((sum(self._sizes), None), comm=self._comm)
             for i, (blocks, places) in enumerate(zip(self._blocks, self._places, strict=True)):
@@ -107,7 +108,7 @@ class Resistance:
                 for block, (rows, _), (_, step) in zip(*parts, strict=True):
                     add_rows(vector, rows, np.einsum("nij,nj->ni", block, step))
             vector.assemble()
-            columns.append(self._works(every, vector.array_r))
+            columns.append(shares @ vector.array_r)
             vector.destroy()
         return np.asarray(self._comm.allreduce(np.column_stack(columns)))
 
@@ -116,10 +117,11 @@ class Resistance:
         stiffness, n = self._system.stiffness.assemble(), self._sizes[0]
         motion, forces = stiffness.createVecs()
         diagonal, columns = abs(stiffness.getDiagonal().array_r), []
+        shares = self._shares(every)[:, :n]
         for m in motions:
             motion.array[:] = m.values[0][:n]
             stiffness.mult(motion, forces)
-            columns.append(self._works(every, forces.array_r))
+            columns.append(shares @ forces.array_r)
         for o in (motion, forces, stiffness):
             o.destroy()
         rounding = [[diagonal @ m.values[0][:n] ** 2 for m in part] for part in (every, motions)]
@@ -127,15 +129,11 @@ class Resistance:
         a, b = (np.sqrt(self._comm.allreduce(np.array(part))) for part in rounding)
         return np.where(abs(work) > SUMMED * DIGITS * np.outer(a, b), work, 0.0)
 
-    def _works(self, motions: Sequence[LooseMotion], forces: Array) -> Array:
-        """Return the virtual work of forces at the first owned rows, on this rank."""
-        shares = [
-            np.concatenate([a[:n] for a, n in zip(m.virtual, self._sizes, strict=True)])
-            for m in motions
-        ]
-        return np.array([share[: len(forces)] @ forces for share in shares])
-
-    def _few(self, rows: Array) -> Array:
-        """Return fewer rows of all ranks that resist the same."""
-        triangle = np.linalg.qr(rows, mode="r")
-        return np.concatenate(self._comm.allgather(triangle))
+    def _shares(self, motions: Sequence[LooseMotion]) -> Array:
+        """Return the shares of motions in the owned rows, one row each."""
+        return np.array(
+            [
+                np.concatenate([a[:n] for a, n in zip(m.virtual, self._sizes, strict=True)])
+                for m in motions
+            ]
+        )

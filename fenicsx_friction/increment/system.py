@@ -127,6 +127,7 @@ class ContactSystem:
             set_up.further_equations(blocks[1:], *arguments),
             self.terms,
             self.balance,
+            self.floating,
         )
         self.solvers = solvers_of(
             blocks,
