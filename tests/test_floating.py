@@ -124,6 +124,20 @@ def test_a_block_on_a_frictionless_plane_may_not_fly_along_it(d, energy):
 
 
 @pytest.mark.mpi
+@pytest.mark.parametrize("energy", DENSITIES)
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_block_that_has_flown_so_far_that_it_is_one_point_is_adrift(d, energy):
+    """Its nodes are at one place, to the last digit: turns about it have no shape but rounding."""
+    block = Block(f"far_{d}{energy}_", d, energy=energy)
+    start = [f.x.array.copy() for f in block.problem.unknowns]
+    for far in 10.0 ** np.arange(2, 140, 3):
+        for way in np.random.default_rng(1).uniform(-1.0, 1.0, (4, d)):
+            block.u.x.array[:] = np.tile(far * way, len(block.u.x.array) // d)
+            (line,) = bodies_adrift(block.problem, start)
+            assert line.startswith("the body with the surface 'base' has moved in")
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("size", [1.0, 1e-6])
 @pytest.mark.parametrize("stiffness", [1e-2, 1e-6])
 def test_a_weak_spring_holds_in_all_units(size, stiffness):

@@ -94,7 +94,8 @@ class FloatingBodies:
         size = float(largest_of_ranks(self._comm, np.array([np.max(abs(way), initial=0.0)]))[0])
         own, went = motions[:n], way[:n] / max(size, np.finfo(float).tiny)
         both = self._comm.allreduce(np.column_stack([own.T @ own, own.T @ went]))
-        share = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=None)[0]
+        # Of what has flown so far that its nodes are one point, a turn has no shape of its own.
+        share = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=NOTHING)[0]
         here = np.repeat(((self.body == body) & self._valued)[: n // self._d], self._d)
         rest = abs(went - own @ share)[here]
         most = largest_of_ranks(self._comm, np.array([np.max(rest, initial=0.0)]))[0]

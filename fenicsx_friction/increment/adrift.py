@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..equations.floating import NOTHING
-from ..equations.loose import Array, LooseMotion, of_floating, of_rigid, without_springs
+from ..equations.loose import MOVED, Array, LooseMotion, of_floating, of_rigid, without_springs
 from .resistance import Resistance
 from .snapshot import Snapshot
 from .system import ContactSystem
@@ -79,5 +79,5 @@ def _adrift(motions: Sequence[LooseMotion], resistance: Array) -> list[LooseMoti
     nothing = directions[sizes <= NOTHING * max(1.0, float(np.max(sizes)))]
     moved, spared = np.transpose([(m.moved, m.spared) for m in motions])
     drift = abs(nothing.T @ (nothing @ (arms * moved))) / arms
-    least = spared * max(1.0, float(np.max(drift)))  # beside a huge one all are rounding
+    least = np.maximum(spared, MOVED * float(np.max(drift)))  # beside a huge one all are rounding
     return [m for m, a, b in zip(motions, drift, least, strict=True) if not a <= b]

@@ -124,7 +124,8 @@ class Resistance:
             columns.append(shares @ forces.array_r)
         for o in (motion, forces, stiffness):
             o.destroy()
-        rounding = [[diagonal @ m.values[0][:n] ** 2 for m in part] for part in (every, motions)]
+        with np.errstate(invalid="ignore"):  # infinite stiffness of what has flown away
+            rounding = [[diagonal @ m.values[0][:n] ** 2 for m in p] for p in (every, motions)]
         work = self._comm.allreduce(np.column_stack(columns))
         a, b = (np.sqrt(self._comm.allreduce(np.array(part))) for part in rounding)
         return np.where(abs(work) > SUMMED * DIGITS * np.outer(a, b), work, 0.0)
