@@ -16,6 +16,7 @@ from ..base.collective import largest_of_ranks
 from ..base.groups import Labels
 from ..contact.contact import Contact
 from ..obstacles.rigid_body import COMPONENTS
+from ..obstacles.rotations import angles, nearest_rotation
 from ..surfaces.bodies import number_bodies
 from ..surfaces.cells import extent
 from .conditions import constrained_dofs
@@ -79,37 +80,52 @@ class FloatingBodies:
         units[: self._d] = self.length
         return motions, units
 
-    def moved(self, motions: Array, body: int, way: Array) -> tuple[Array, float]:
-        """Return how far a body has gone in each of its motions, and what they do not explain.
+    def moved(self, body: int, start: Array, *, undeformed: bool) -> tuple[Array, float]:
+        """Return how far a body has gone in each of its motions, and how far beside them.
 
         Args:
-            motions: The shapes of its motions.
             body: The body.
-            way: Change of the displacement at the local dofs (m).
+            start: The displacement at the local dofs at first (m).
+            undeformed: See :meth:`motions`: a turn is linear then.
 
         Returns:
-            The shares of the motions, and the largest other displacement over the length.
+            The motions, in units of :meth:`motions`, and the largest other displacement over the
+            length of the mesh.
         """
+        shapes, units = self.motions(body, undeformed=undeformed)
+        if undeformed:
+            return self._by_shapes(shapes, body, self._u.x.array - start)
+        x = [self._X + values.reshape(self._X.shape) for values in (start, self._u.x.array)]
+        nodes = np.flatnonzero((self.body == body) & self._valued)
+        middles = [self._middle(y, nodes) for y in x]
+        nodes = nodes[nodes < num_owned(self._u) // self._d]
+        before, after = (y[nodes] - middle for y, middle in zip(x, middles, strict=True))
+        turn = nearest_rotation(self._comm.allreduce(after.T @ before))
+        rest = np.max(abs(after - before @ turn.T), initial=0.0) / self.length
+        gone = np.append(middles[1] - middles[0], angles(turn))
+        return gone / units, float(largest_of_ranks(self._comm, np.array([rest]))[0])
+
+    def deformation(self, start: Array, *, undeformed: bool) -> float:
+        """Return the largest displacement of all bodies beside their motions, over the length.
+
+        Args:
+            start: See :meth:`moved`.
+            undeformed: See :meth:`motions`.
+        """
+        bodies = range(self.number)
+        return max(self.moved(b, start, undeformed=undeformed)[1] for b in bodies)
+
+    def _by_shapes(self, motions: Array, body: int, way: Array) -> tuple[Array, float]:
+        """Return shares of motions in a change of the displacement (m), and the rest."""
         n = num_owned(self._u)
         size = float(largest_of_ranks(self._comm, np.array([np.max(abs(way), initial=0.0)]))[0])
         own, went = motions[:n], way[:n] / max(size, np.finfo(float).tiny)
         both = self._comm.allreduce(np.column_stack([own.T @ own, own.T @ went]))
-        # Of what has flown so far that its nodes are one point, a turn has no shape of its own.
-        share = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=NOTHING)[0]
+        share = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=None)[0]
         here = np.repeat(((self.body == body) & self._valued)[: n // self._d], self._d)
         rest = abs(went - own @ share)[here]
         most = largest_of_ranks(self._comm, np.array([np.max(rest, initial=0.0)]))[0]
         return share * size, float(most) * size / self.length
-
-    def deformation(self, way: Array, *, undeformed: bool) -> float:
-        """Return the largest displacement of all bodies beside their motions, over the length.
-
-        Args:
-            way: Change of the displacement at the local dofs (m).
-            undeformed: See :meth:`motions`.
-        """
-        shapes = ((b, self.motions(b, undeformed=undeformed)[0]) for b in range(self.number))
-        return max(self.moved(shape, b, way)[1] for b, shape in shapes)
 
     def _is_held(self, body: int) -> bool:
         """Tell whether conditions hold a body as a whole."""

@@ -100,11 +100,11 @@ def of_floating(
     """
     others = [np.zeros_like(f.x.array) for f in state[1:]]
     for body in floating.bodies:
-        shapes, units = floating.motions(body, undeformed=undeformed)
-        moved, rest = floating.moved(shapes, body, state[0].x.array - start)
+        moved, rest = floating.moved(body, start, undeformed=undeformed)
         spared = max(MOVED, FURTHER * rest)
         if np.all(abs(moved) <= spared):
             continue  # it holds what cannot move without it
+        shapes, units = floating.motions(body, undeformed=undeformed)
         surfaces = "', '".join(floating.surfaces_of(body, contacts))
         for j, name in enumerate(floating.names):
             values = [shapes[:, j], *others]

@@ -57,8 +57,8 @@ def _motions(system: ContactSystem, start: Snapshot) -> Iterator[LooseMotion]:
     """Yield all motions that neither conditions, given values nor springs hold; collective."""
     floating, linear = system.floating, system.stiffness.linear
     if any(np.any(without_springs(body)) for body in system.bodies):
-        first, way = len(system.unknowns) - len(system.bodies), system.u.x.array - start[0]
-        deformed = floating.deformation(way, undeformed=linear)
+        first = len(system.unknowns) - len(system.bodies)
+        deformed = floating.deformation(start[0], undeformed=linear)
         for i, body in enumerate(system.bodies, start=first):
             yield from of_rigid(body, system.state, i, start[i], deformed)
     if floating.bodies:

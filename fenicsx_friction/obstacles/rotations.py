@@ -54,6 +54,26 @@ def cayley_vector(old: Array, given: Array, held: npt.NDArray[np.bool_]) -> Arra
     return np.asarray(way * (2.0 * np.tan(angle / 2.0) / angle if angle > 0.0 else 1.0))
 
 
+def nearest_rotation(products: Array) -> Array:
+    """Return the rotation that brings some arms nearest to others, in least squares.
+
+    Args:
+        products: Sum of the products of arms after with arms before, (d, d).
+
+    Source: W. Kabsch, A solution for the best rotation to relate two sets of vectors (1976).
+    """
+    left, _, right = np.linalg.svd(products)
+    left[:, -1] *= np.sign(np.linalg.det(left @ right))  # no reflection
+    return np.asarray(left @ right)
+
+
+def angles(rotation: Array) -> Array:
+    """Return the angle of a rotation in 2D, its rotation vector in 3D (rad)."""
+    if len(rotation) == 2:
+        return np.arctan2(rotation[1, :1], rotation[0, :1])
+    return np.asarray(as_rotation(rotation).as_rotvec())
+
+
 def as_rotation(matrix: Array) -> Any:
     """Return SciPy's rotation of a matrix, made orthonormal."""
     return scipy.spatial.transform.Rotation.from_matrix(matrix)
