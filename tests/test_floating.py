@@ -156,6 +156,24 @@ def test_a_block_that_has_flown_so_far_that_it_is_one_point_is_adrift(d, energy)
 
 
 @pytest.mark.mpi
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_block_that_is_stretched_without_bounds_is_no_solution(d):
+    """There its forces are as small as those of a block at rest."""
+    block = Block(f"burst_{d}_", d, energy="finite")
+    problem, start = block.problem, [f.x.array.copy() for f in block.problem.unknowns]
+    block.load.value[:] = 0.0
+    x = block.u.function_space.tabulate_dof_coordinates()[:, :d]
+    # As near as rounding comes to a turn, times a number.
+    stretch = Rotation.from_rotvec([0.0, 0.0, 1.0]).as_matrix()[:d, :d]
+    for by, stretched in ((1e2, False), (1e5, True), (1e33, True)):
+        block.u.x.array[:] = (x @ (by * stretch)).ravel()
+        lines = [line for line in bodies_adrift(problem, start) if "been stretched by" in line]
+        assert len(lines) == stretched
+    forces = problem.comm.allreduce(np.max(abs(problem.balance.momentum()), initial=0.0), MPI.MAX)
+    assert forces < 1e-6
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("size", [1.0, 1e-6])
 @pytest.mark.parametrize("stiffness", [1e-2, 1e-6])
 def test_a_weak_spring_holds_in_all_units(size, stiffness):

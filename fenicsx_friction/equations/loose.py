@@ -47,6 +47,12 @@ class LooseMotion:
     deformable: bool
 
 
+def name_of(surfaces: Sequence[str]) -> str:
+    """Return how a deformable body is called, by its contact surfaces."""
+    named = "', '".join(surfaces)
+    return f"the body with the surface '{named}'" if surfaces else "a body without contact"
+
+
 def without_springs(body: RigidBody) -> npt.NDArray[np.bool_]:
     """Tell which components of a rigid body are free and have no spring."""
     return np.asarray(body.released & (body.spring.value == 0.0))
@@ -105,11 +111,11 @@ def of_floating(
         if np.all(abs(moved) <= spared):
             continue  # it holds what cannot move without it
         shapes, units = floating.motions(body, undeformed=undeformed)
-        surfaces = "', '".join(floating.surfaces_of(body, contacts))
+        owner = name_of(floating.surfaces_of(body, contacts))
         for j, name in enumerate(floating.names):
             values = [shapes[:, j], *others]
             yield LooseMotion(
-                f"the body with the surface '{surfaces}'",
+                owner,
                 name,
                 float(units[j]),
                 values,

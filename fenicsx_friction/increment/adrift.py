@@ -12,7 +12,15 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..equations.floating import NOTHING
-from ..equations.loose import MOVED, Array, LooseMotion, of_floating, of_rigid, without_springs
+from ..equations.loose import (
+    MOVED,
+    Array,
+    LooseMotion,
+    name_of,
+    of_floating,
+    of_rigid,
+    without_springs,
+)
 from .resistance import Resistance
 from .snapshot import Snapshot
 from .system import ContactSystem
@@ -22,6 +30,8 @@ ADRIFT = (
     "where neither conditions, springs nor contact hold it at the end of the step: any position "
     "there is as good as this one."
 )
+#: Who has been stretched by more in a step, relative to the size of the mesh, is beyond all bounds.
+BURST = 1e3
 #: What to do.
 CURES = (
     "Prescribe the motion of a rigid body before it leaves (body.free, body.given), or give it "
@@ -37,8 +47,9 @@ def bodies_adrift(system: ContactSystem, start: Snapshot) -> list[str]:
         system: The system, at a solution.
         start: The unknowns at the start of the step.
     """
-    if not (system.bodies or system.floating.bodies):
-        return []  # most models
+    burst = [] if system.stiffness.linear else _burst(system, start)
+    if burst or not (system.bodies or system.floating.bodies):
+        return burst  # none, in most models
     # Who has stayed holds the others, where they cannot move without it.
     every = list(_motions(system, start))
     went = [m for m in every if not abs(m.moved) <= m.spared]
@@ -50,6 +61,25 @@ def bodies_adrift(system: ContactSystem, start: Snapshot) -> list[str]:
         ways = [m for m in adrift if m.owner == owner]
         moved = ", ".join(f"{m.name} by {m.moved * m.unit:.3g}" for m in ways)
         lines.append(f"{owner} has moved in {moved}, {ADRIFT} {CURES[ways[0].deformable]}")
+    return lines
+
+
+def _burst(system: ContactSystem, start: Snapshot) -> list[str]:
+    """Say which bodies have been stretched without bounds; collective.
+
+    Where an energy grows less than the stretch, as ``J^(-2/3) tr C`` does, forces vanish there, and
+    nothing balances nothing.
+    """
+    lines, floating = [], system.floating
+    for body in range(floating.number):
+        gone, stretched = floating.moved(body, start[0], undeformed=False)
+        rounding = MOVED * float(np.max(abs(gone)))  # of what has flown
+        if not stretched <= max(BURST, rounding):
+            owner = name_of(floating.surfaces_of(body, system.contacts))
+            lines.append(
+                f"{owner} has been stretched by {stretched:.3g} times the size of the mesh in one "
+                f"step: its material resists no more there. Take smaller steps, or hold it."
+            )
     return lines
 
 
