@@ -72,13 +72,10 @@ class FloatingBodies:
         x = self._X if undeformed else self._X + self._u.x.array.reshape(self._X.shape)
         nodes = np.flatnonzero((self.body == body) & self._valued)
         motions = np.zeros((*x.shape, len(self.names)))
-        motions[nodes] = self._about(x[nodes], self._middle(x, nodes))
-        motions = motions.reshape(x.size, len(self.names))
-        arms = largest_of_ranks(self._comm, np.max(abs(motions), axis=0, initial=0.0))
-        units = np.divide(self.length, arms, out=np.ones_like(arms), where=arms > 0.0)
-        motions *= units
-        units[: self._d] = self.length
-        return motions, units
+        about = self._about(x[nodes] - self._middle(x, nodes))
+        factors, units = self._units(about)
+        motions[nodes] = about * factors
+        return motions.reshape(x.size, len(self.names)), units
 
     def moved(self, body: int, start: Array, *, undeformed: bool) -> tuple[Array, float]:
         """Return how far a body has gone in each of its motions, and how far beside them.
@@ -92,8 +89,8 @@ class FloatingBodies:
             The motions, in units of :meth:`motions`, and the largest other displacement over the
             length of the mesh.
         """
-        shapes, units = self.motions(body, undeformed=undeformed)
         if undeformed:
+            shapes, _ = self.motions(body, undeformed=True)
             return self._by_shapes(shapes, body, self._u.x.array - start)
         x = [self._X + values.reshape(self._X.shape) for values in (start, self._u.x.array)]
         nodes = np.flatnonzero((self.body == body) & self._valued)
@@ -103,6 +100,7 @@ class FloatingBodies:
         turn = nearest_rotation(self._comm.allreduce(after.T @ before))
         rest = np.max(abs(after - before @ turn.T), initial=0.0) / self.length
         gone = np.append(middles[1] - middles[0], angles(turn))
+        _, units = self._units(self._about(after))
         return gone / units, float(largest_of_ranks(self._comm, np.array([rest]))[0])
 
     def deformation(self, start: Array, *, undeformed: bool) -> float:
@@ -132,7 +130,7 @@ class FloatingBodies:
         nodes, component = np.divmod(self.held, self._d)
         here = self.body[nodes] == body
         middle = self._middle(self._X, np.flatnonzero((self.body == body) & self._valued))
-        rows = self._about(self._X[nodes[here]], middle)[np.arange(np.sum(here)), component[here]]
+        rows = self._about(self._X[nodes[here]] - middle)[np.arange(np.sum(here)), component[here]]
         sizes = np.linalg.svd(fewer_rows(self._comm, rows), compute_uv=False)
         return len(sizes) == len(self.names) and bool(sizes[-1] > NOTHING * sizes[0])
 
@@ -142,10 +140,16 @@ class FloatingBodies:
         sums = self._comm.allreduce(np.append(np.sum(x[own], axis=0), len(own)))
         return np.asarray(sums[:-1] / sums[-1])
 
-    def _about(self, x: Array, middle: Array) -> Array:
-        """Return the rigid motions at points: (points, d, motions)."""
-        d, arms = self._d, x - middle
-        motions = np.zeros((*x.shape, len(self.names)))
+    def _units(self, about: Array) -> tuple[Array, Array]:
+        """Return what makes motions as long as the mesh, and how large they are then (m; rad)."""
+        arms = largest_of_ranks(self._comm, np.max(abs(about), axis=(0, 1), initial=0.0))
+        factors = np.divide(self.length, arms, out=np.ones_like(arms), where=arms > 0.0)
+        return factors, np.where(np.arange(len(arms)) < self._d, self.length, factors)
+
+    def _about(self, arms: Array) -> Array:
+        """Return the rigid motions of points, by their arms: (points, d, motions)."""
+        d = self._d
+        motions = np.zeros((*arms.shape, len(self.names)))
         motions[:, :, :d] = np.eye(d) * self.length
         if d == 2:
             motions[:, :, 2] = np.column_stack([-arms[:, 1], arms[:, 0]])

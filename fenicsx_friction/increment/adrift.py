@@ -78,7 +78,7 @@ def _burst(system: ContactSystem, start: Snapshot) -> list[str]:
             owner = name_of(floating.surfaces_of(body, system.contacts))
             lines.append(
                 f"{owner} has been stretched by {stretched:.3g} times the size of the mesh in one "
-                f"step: its material resists no more there. Take smaller steps, or hold it."
+                "step: its material resists no more there. Take smaller steps, or hold it."
             )
     return lines
 
