@@ -30,8 +30,8 @@ serial:  ## inside the environment: tests on one rank, counts of iterations
 	python3 benchmarks/counts.py
 
 # On two ranks three variations of a test are enough: they differ in what a rank does alone;
-# `make weekly` has all. Ranks that wait do not yield: with that, two ranks on two cores took half
-# as long again, and on a busy machine they were no faster.
+# `make weekly` has all. Ranks that wait yield only where there are more of them than cores: two on
+# two cores were no faster with it, alone or on a busy machine.
 ranks:  ## inside the environment: tests on N ranks
 	mpirun -n $(N) $(PYTEST) -p no:xdist -m mpi --variations 3
 
