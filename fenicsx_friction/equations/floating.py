@@ -103,16 +103,6 @@ class FloatingBodies:
         _, units = self._units(self._about(after))
         return gone / units, float(largest_of_ranks(self._comm, np.array([rest]))[0])
 
-    def deformation(self, start: Array, *, undeformed: bool) -> float:
-        """Return the largest displacement of all bodies beside their motions, over the length.
-
-        Args:
-            start: See :meth:`moved`.
-            undeformed: See :meth:`motions`.
-        """
-        bodies = range(self.number)
-        return max(self.moved(b, start, undeformed=undeformed)[1] for b in bodies)
-
     def _by_shapes(self, motions: Array, body: int, way: Array) -> tuple[Array, float]:
         """Return shares of motions in a change of the displacement (m), and the rest."""
         n = num_owned(self._u)

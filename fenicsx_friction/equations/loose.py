@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ from ..obstacles.rigid_body import RigidBody
 from .floating import FloatingBodies
 
 Array = npt.NDArray[np.floating]
+#: What :meth:`.FloatingBodies.moved` returns of each body.
+Moves = Mapping[int, tuple[Array, float]]
 
 #: Motions (relative to the length of the mesh; rad) that are not rounding.
 MOVED = 1e-6
@@ -90,7 +92,7 @@ def of_rigid(
 def of_floating(
     floating: FloatingBodies,
     state: Sequence[fem.Function],
-    start: Array,
+    moves: Moves,
     contacts: Sequence[Contact],
     *,
     undeformed: bool,
@@ -100,13 +102,13 @@ def of_floating(
     Args:
         floating: The bodies.
         state: All unknowns, the displacement first.
-        start: The displacement at the start of the step.
+        moves: How far they have gone in the step.
         contacts: The contacts, for the names of the surfaces.
         undeformed: Whether turns are those about where the bodies were at first.
     """
     others = [np.zeros_like(f.x.array) for f in state[1:]]
     for body in floating.bodies:
-        moved, rest = floating.moved(body, start, undeformed=undeformed)
+        moved, rest = moves[body]
         spared = max(MOVED, FURTHER * rest)
         if np.all(abs(moved) <= spared):
             continue  # it holds what cannot move without it

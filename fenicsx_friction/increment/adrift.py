@@ -16,6 +16,7 @@ from ..equations.loose import (
     MOVED,
     Array,
     LooseMotion,
+    Moves,
     name_of,
     of_floating,
     of_rigid,
@@ -47,11 +48,15 @@ def bodies_adrift(system: ContactSystem, start: Snapshot) -> list[str]:
         system: The system, at a solution.
         start: The unknowns at the start of the step.
     """
-    burst = [] if system.stiffness.linear else _burst(system, start)
-    if burst or not (system.bodies or system.floating.bodies):
+    floating, linear = system.floating, system.stiffness.linear
+    free = any(np.any(without_springs(body)) for body in system.bodies)
+    whose = range(floating.number) if free or not linear else floating.bodies
+    moves = {b: floating.moved(b, start[0], undeformed=linear) for b in whose}
+    burst = [] if linear else _burst(system, moves)
+    if burst or not (free or floating.bodies):
         return burst  # none, in most models
     # Who has stayed holds the others, where they cannot move without it.
-    every = list(_motions(system, start))
+    every = list(_motions(system, start, moves))
     went = [m for m in every if not abs(m.moved) <= m.spared]
     if not went:
         return []
@@ -64,18 +69,17 @@ def bodies_adrift(system: ContactSystem, start: Snapshot) -> list[str]:
     return lines
 
 
-def _burst(system: ContactSystem, start: Snapshot) -> list[str]:
+def _burst(system: ContactSystem, moves: Moves) -> list[str]:
     """Say which bodies have been stretched without bounds; collective.
 
     Where an energy grows less than the stretch, as ``J^(-2/3) tr C`` does, forces vanish there, and
     nothing balances nothing.
     """
-    lines, floating = [], system.floating
-    for body in range(floating.number):
-        gone, stretched = floating.moved(body, start[0], undeformed=False)
+    lines = []
+    for body, (gone, stretched) in moves.items():
         rounding = MOVED * float(np.max(abs(gone)))  # of what has flown
         if not stretched <= max(BURST, rounding):
-            owner = name_of(floating.surfaces_of(body, system.contacts))
+            owner = name_of(system.floating.surfaces_of(body, system.contacts))
             lines.append(
                 f"{owner} has been stretched by {stretched:.3g} times the size of the mesh in one "
                 "step: its material resists no more there. Take smaller steps, or hold it."
@@ -83,16 +87,14 @@ def _burst(system: ContactSystem, start: Snapshot) -> list[str]:
     return lines
 
 
-def _motions(system: ContactSystem, start: Snapshot) -> Iterator[LooseMotion]:
+def _motions(system: ContactSystem, start: Snapshot, moves: Moves) -> Iterator[LooseMotion]:
     """Yield all motions that neither conditions, given values nor springs hold; collective."""
-    floating, linear = system.floating, system.stiffness.linear
-    if any(np.any(without_springs(body)) for body in system.bodies):
-        first = len(system.unknowns) - len(system.bodies)
-        deformed = floating.deformation(start[0], undeformed=linear)
-        for i, body in enumerate(system.bodies, start=first):
-            yield from of_rigid(body, system.state, i, start[i], deformed)
-    if floating.bodies:
-        yield from of_floating(floating, system.state, start[0], system.contacts, undeformed=linear)
+    first = len(system.unknowns) - len(system.bodies)
+    deformed = max((rest for _, rest in moves.values()), default=0.0)
+    for i, body in enumerate(system.bodies, start=first):
+        yield from of_rigid(body, system.state, i, start[i], deformed)
+    linear = system.stiffness.linear
+    yield from of_floating(system.floating, system.state, moves, system.contacts, undeformed=linear)
 
 
 def _adrift(motions: Sequence[LooseMotion], resistance: Array) -> list[LooseMotion]:
