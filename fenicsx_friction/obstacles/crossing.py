@@ -19,8 +19,8 @@ from dolfinx import fem
 
 from ..surfaces.face_cells import Array
 from ..surfaces.faces import Faces
+from .candidates import BLOCK, flat
 from .crossing_events import LEAVE, Events, ends_behind, find_events
-from .search import flat
 from .ways import Indices, Mask, Way, simplices
 
 #: From where on a node is behind a face (m): of each face, of each node. The smaller one counts.
@@ -32,8 +32,6 @@ DEPTH = 1e-3
 HELD_DEPTH = 0.5
 #: Cosine of the normals of entry and exit from which the exit is on the far side.
 FAR_SIDE = -0.1
-#: Nodes that are tested together.
-BLOCK = 512
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from dolfinx import fem
 from ..base.collective import any_rank
 from ..surfaces.face_cells import project
 from ..surfaces.faces import Faces, FaceSet
-from .search import FACING, Pairs, SearchPolicy, find_pairs
+from .candidates import FACING
+from .search import Pairs, SearchPolicy, find_pairs
 from .side import Side
 
 

@@ -8,7 +8,8 @@ from ..base.collective import any_rank
 from ..surfaces.face_cells import shape_matrix
 from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
-from .search import TIE, nearest_faces
+from .candidates import TIE
+from .search import nearest_faces
 
 #: A node is on a node of the other surface if its shape function there is one up to this.
 OFF = 1e-6

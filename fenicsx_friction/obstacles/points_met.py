@@ -11,10 +11,11 @@ from dolfinx import fem
 
 from ..surfaces.face_cells import blend, shape_matrix
 from ..surfaces.face_points import FacePoints
+from .candidates import TIE
 from .face_pairs import FacesMet
 from .kinematics import Array
 from .pairing import Mask
-from .search import TIE, Pairs, find_pairs
+from .search import Pairs, find_pairs
 from .tool import Tool
 
 #: Cosine of the normal of a face and the way to a point, from which on this is over the face.

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Search: which face does each node meet?"""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Real
 
@@ -12,16 +11,7 @@ import scipy
 from ..base.errors import ContactInputError
 from ..surfaces.face_cells import Array, blend, distances, normals, project, shape_matrix
 from ..surfaces.faces import Faces
-
-#: Tells of nodes and faces, in pairs, which may meet.
-MayMeet = Callable[[npt.NDArray[np.int64], npt.NDArray[np.int64]], npt.NDArray[np.bool_]]
-#: Cosine of the normals of node and face up to which they face each other. A corner of a cube looks
-#: at faces with -0.58; what lies on a face beside the foot of a wall does not meet the wall.
-FACING = -0.3
-#: Distances that differ by this fraction of a face are the same.
-TIE = 1e-9
-#: Nodes whose faces are looked up together.
-BLOCK = 512
+from .candidates import FACING, TIE, Indices, MayMeet, Views, balls, candidates, flat
 
 
 def check_positive(value: object, name: str, meaning: str) -> None:
@@ -83,7 +73,7 @@ class Pairs:
         xi: Reference coordinates of the projection on it.
     """
 
-    face: npt.NDArray[np.int64]
+    face: Indices
     xi: Array
 
     @property
@@ -120,10 +110,13 @@ def find_pairs(
         may_meet: Tells which nodes may meet which faces at all; by default all.
     """
     result = Pairs(np.full(len(x), -1, dtype=np.int64), np.tile(faces.cell.center, (len(x), 1)))
-    i, f = _candidates(faces, face_x, x, directions, policy, last, facing, may_meet)
+    before = None if last is None else last.face
+    reach = policy.distance(faces)
+    views = Views(faces, face_x, x, directions, facing, may_meet)
+    i, f = candidates(views, reach, before)
     near = _nearest(faces, face_x, x, i, f, last, np.broadcast_to(keep, len(x)))
     allowed = np.where(held, policy.leave, policy.enter)
-    good = (near.overhang <= allowed) & (abs(near.gap) <= policy.distance(faces))
+    good = (near.overhang <= allowed) & (abs(near.gap) <= reach)
     result.face[good], result.xi[good] = near.face[good], near.xi[good]
     return result
 
@@ -139,7 +132,7 @@ class Nearest:
         overhang: How far the projection is outside, in reference lengths.
     """
 
-    face: npt.NDArray[np.int64]
+    face: Indices
     xi: Array
     gap: Array
     overhang: Array
@@ -163,8 +156,8 @@ def _nearest(
     faces: Faces,
     face_x: Array,
     x: Array,
-    i: npt.NDArray[np.int64],
-    f: npt.NDArray[np.int64],
+    i: Indices,
+    f: Indices,
     last: Pairs | None = None,
     keeps: Array | None = None,
 ) -> Nearest:
@@ -195,56 +188,3 @@ def _nearest(
         np.where(found, gap, np.inf),
         np.where(found, overhang[best], np.inf),
     )
-
-
-def _candidates(
-    faces: Faces,
-    face_x: Array,
-    x: Array,
-    directions: Array,
-    policy: SearchPolicy,
-    last: Pairs | None,
-    facing: float,
-    may_meet: MayMeet | None,
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return nodes and faces that may be pairs, from a tree of the faces' centers.
-
-    The distance ``d`` of a face with center ``c`` and radius ``r`` obeys ``|c| - r <= d <= |c|``.
-    """
-    corners = face_x[faces.faces]
-    center, radius = balls(corners)
-    tree, reach = scipy.spatial.cKDTree(center), policy.distance(faces) + np.max(radius)
-    middle = np.tile(faces.cell.center, (len(corners), 1))
-    normal = normals(faces.cell, corners, middle)
-    found = [(np.zeros(0, dtype=np.int64),) * 2]
-    for start in range(0, len(x), BLOCK):  # a tool may have many faces within reach
-        i, f = flat(tree.query_ball_point(x[start : start + BLOCK], reach))
-        i += start
-        looks = np.sum(normal[f] * directions[i], axis=1) < facing
-        i, f = i[looks], f[looks]
-        if may_meet is not None:
-            allowed = may_meet(i, f)
-            i, f = i[allowed], f[allowed]
-        away = np.linalg.norm(x[i] - center[f], axis=1)
-        nearest = np.full(len(x), np.inf)
-        np.minimum.at(nearest, i, away)
-        possible = away - radius[f] <= nearest[i] * (1.0 + TIE)
-        if last is not None:
-            possible |= f == last.face[i]
-        found.append((i[possible], f[possible]))
-    return np.concatenate([i for i, _ in found]), np.concatenate([f for _, f in found])
-
-
-def balls(corners: Array) -> tuple[Array, Array]:
-    """Return centers and radii of balls about faces."""
-    center = corners.mean(axis=1)
-    return center, np.max(np.linalg.norm(corners - center[:, None], axis=2), axis=1)
-
-
-def flat(
-    near: Sequence[Sequence[int]],
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the pairs of a list of faces for each node."""
-    i = np.repeat(np.arange(len(near)), [len(n) for n in near])
-    f = np.concatenate([np.asarray(n, dtype=np.int64) for n in near] or [np.zeros(0, np.int64)])
-    return i, f

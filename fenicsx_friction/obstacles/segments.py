@@ -14,11 +14,11 @@ import numpy.typing as npt
 import scipy
 
 from ..surfaces.face_tables import normals_of
+from .candidates import balls, flat
 from .clipping import common_points, sizes
 from .facing import Facing, Positions
 from .planes import Planes, outward_normals
 from .rays import cast
-from .search import balls, flat
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int64]

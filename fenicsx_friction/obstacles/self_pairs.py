@@ -16,9 +16,10 @@ from dolfinx import fem
 from ..surfaces.bodies import cells_at, number_bodies
 from ..surfaces.face_cells import Array, blend, normals, shape_matrix
 from ..surfaces.faces import Faces, FaceSet
+from .candidates import FACING, balls, flat
 from .face_pairs import FacePairs
 from .roles import Roles
-from .search import FACING, Pairs, SearchPolicy, balls, find_pairs, flat
+from .search import Pairs, SearchPolicy, find_pairs
 from .side import Side
 
 Indices = npt.NDArray[np.int64]

@@ -21,7 +21,7 @@ from ..surfaces.face_cells import (
     shape_matrix,
 )
 from ..surfaces.faces import Faces
-from .search import BLOCK, TIE, balls, flat
+from .candidates import BLOCK, TIE, balls, flat
 
 Indices = npt.NDArray[np.int64]
 

@@ -13,9 +13,10 @@ from dolfinx import fem
 from ..surfaces.bisection import cut
 from ..surfaces.face_cells import blend, normals, shape_matrix
 from ..surfaces.faces import Faces, FaceSet
+from .candidates import TIE
 from .kinematics import Array
 from .motion import Motion
-from .search import TIE, Pairs, SearchPolicy, nearest_faces
+from .search import Pairs, SearchPolicy, nearest_faces
 from .side import Side
 from .tool_edges import ToolEdges
 from .view import View

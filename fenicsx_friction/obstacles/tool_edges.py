@@ -8,7 +8,7 @@ import numpy as np
 from ..surfaces.face_cells import Array, normals
 from ..surfaces.faces import Faces
 from ..surfaces.soundness import edges
-from .search import FACING
+from .candidates import FACING
 
 #: Length of the sum of two unit normals over two, from which on faces are flat, not an edge.
 FLAT = 1.0 - 1e-6

@@ -18,11 +18,12 @@ from ..surfaces.faces import FaceSet
 from ..surfaces.surface import ContactSurface
 from .against_faces import AgainstFaces, beside
 from .averaged import DEEP
+from .candidates import TIE
 from .crossing import HELD_DEPTH, find_crossed
 from .face_frames import along_planes
 from .kinematics import Array
 from .pairing import Mask
-from .search import TIE, SearchPolicy, nearest_faces
+from .search import SearchPolicy, nearest_faces
 from .side import Side
 from .view import View
 
