@@ -9,6 +9,7 @@ kinematics and their derivatives, UFL those of the rows. The chain rule joins th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -24,6 +25,7 @@ from ufl.core.expr import Expr
 from ..base.collective import any_rank
 from ..base.errors import ContactInputError
 from ..contact.contact import Contact
+from ..obstacles.following import all_still
 from ..obstacles.kinematics import Array
 from ..obstacles.reaction import body_rows
 from ..obstacles.rigid_body import RigidBody
@@ -84,10 +86,9 @@ class ContactTerms:
         """Numbers that change with the stencils, one a contact."""
         return tuple(k.pairing.version for k in self._contacts)
 
-    def update(self) -> None:
-        """Evaluate the kinematics at the present displacement."""
-        for k in self._contacts:
-            k.pairing.update()
+    def still(self) -> AbstractContextManager[None]:
+        """Evaluate the kinematics once for all inside, where nothing may move; collective."""
+        return all_still(k.pairing for k in self._contacts)
 
     def law(self, rows: Callable[[Contact], Expr]) -> Law:
         """Compile the rows of a kind of substep with their derivatives."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..surfaces.faces import surface_normals
+from .following import Follower
 from .kinematics import Array, Kinematics, LastFrames, frame_slopes, kinematic_field, slices
 from .rigid_body import RigidBody
 from .side import Side
@@ -19,7 +20,7 @@ from .view import View
 Mask = npt.NDArray[np.bool_]
 
 
-class Pairing(ABC):
+class Pairing(Follower):
     """What each owned node of a side meets: its kinematics, and the points its force acts on.
 
     The kinematics of a node depend on the displacements of a few points, its *stencil*, the node
@@ -55,10 +56,6 @@ class Pairing(ABC):
         self.kinematics, self._frames_of = Kinematics.of(self.field, side.d), LastFrames()
 
     # -- kinematics ------------------------------------------------------------------------------
-
-    @abstractmethod
-    def update(self) -> None:
-        """Follow the displacement, as far as it has changed; collective."""
 
     @abstractmethod
     def derivatives(self) -> tuple[Array, Array | None]:
@@ -226,10 +223,10 @@ class Pairing(ABC):
 
     # -- from step to step -----------------------------------------------------------------------
 
-    def anchor(self) -> None:  # noqa: B027 - rigid obstacles need none
+    def anchor(self) -> None:
         """Begin an increment at ``u_old``; collective."""
 
-    def begin_search(self) -> None:  # noqa: B027 - rigid obstacles need none
+    def begin_search(self) -> None:
         """Begin a series of searches, in which nodes that go to and fro keep their faces."""
 
     def search(self) -> bool:
@@ -244,5 +241,5 @@ class Pairing(ABC):
         """Return what a step changes here, the obstacle's motion aside; not collective."""
         return None
 
-    def restore(self, saved: Any) -> None:  # noqa: B027 - rigid obstacles need none
+    def restore(self, saved: Any) -> None:
         """Put back what :meth:`save` returned, bit for bit; not collective."""

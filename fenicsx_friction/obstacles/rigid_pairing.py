@@ -95,7 +95,7 @@ class RigidPairing(Pairing):
         """Return the node of each place where the obstacle is met, to index rows of nodes."""
         return slice(None)
 
-    def update(self) -> None:
+    def _follow(self) -> None:
         """Follow the displacement, as far as it has changed; collective."""
         version = self.kernel.version()
         if not any_rank(self.side.surface.mesh.comm, version != self._written):

@@ -51,7 +51,7 @@ class TwoBodies(AgainstFaces):
         self._face(FaceSet(primary, u), FaceSet(side.surface, u), policy, f"'{primary.name}'")
         self._inputs_before: tuple[Array, ...] | None = None
 
-    def update(self) -> None:
+    def _follow(self) -> None:
         """Follow the displacement, as far as it has changed; collective."""
         now, before = (*self._inputs(), np.array(self._added())), self._inputs_before
         changed = before is None or not all(map(np.array_equal, now, before))

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -111,8 +112,9 @@ class BoundaryEquations:
         parts += [f.x.array[: num_owned(f)] for f in self._whole]
         x.array[:] = np.concatenate(parts)
 
-    def follow(self, x: PETSc.Vec) -> None:
-        """Put an iterate into the unknowns and the kinematics."""
+    @contextmanager
+    def _at(self, x: PETSc.Vec) -> Iterator[None]:
+        """Put an iterate into the unknowns; inside, the kinematics are those there."""
         values, at = x.array_r, len(self.bulk.dofs)
         self._unknowns[0].x.array[self.bulk.dofs] = values[:at]
         self._unknowns[0].x.scatter_forward()
@@ -120,7 +122,8 @@ class BoundaryEquations:
             f.x.array[: num_owned(f)] = values[at : at + num_owned(f)]
             f.x.scatter_forward()
             at += num_owned(f)
-        self.terms.update()
+        with self.terms.still():
+            yield
 
     def accept(self, x: PETSc.Vec) -> None:
         """Put a solution into the unknowns; what carries nothing carries no rounding, either.
@@ -128,14 +131,14 @@ class BoundaryEquations:
         Multipliers follow from forces. Those of prescribed directions and of open nodes are zero up
         to the rounding of these.
         """
-        self.follow(x)
-        for k in self._contacts:
-            c = k.c.x.array.reshape(-1, k.pairing.side.d)
-            c[k.free.x.array.reshape(c.shape) < 0.5] = 0.0
-            size = np.linalg.norm(c[: k.surface.num_owned], axis=1)
-            largest = self.comm.allreduce(float(np.max(size, initial=0.0)), MPI.MAX)
-            c[: len(size)][(k.pairing.gaps() > 0.0) & (size < FAINT * largest)] = 0.0
-            k.c.x.scatter_forward()
+        with self._at(x):
+            for k in self._contacts:
+                c = k.c.x.array.reshape(-1, k.pairing.side.d)
+                c[k.free.x.array.reshape(c.shape) < 0.5] = 0.0
+                size = np.linalg.norm(c[: k.surface.num_owned], axis=1)
+                largest = self.comm.allreduce(float(np.max(size, initial=0.0)), MPI.MAX)
+                c[: len(size)][(k.pairing.gaps() > 0.0) & (size < FAINT * largest)] = 0.0
+                k.c.x.scatter_forward()
 
     def begin(self) -> float:
         """Condense the loads of a step; return the 2-norm of the rows without contact (N)."""
@@ -151,8 +154,7 @@ class BoundaryEquations:
 
     def residual(self, snes: PETSc.SNES | None, x: PETSc.Vec, b: PETSc.Vec) -> None:
         """Evaluate the equations."""
-        with self.errors():
-            self.follow(x)
+        with self.errors(), self._at(x):
             bulk, n = self.bulk, len(self.bulk.dofs)
             b.zeroEntries()
             moved = bulk.gathered() - bulk.start
@@ -163,8 +165,7 @@ class BoundaryEquations:
 
     def jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """Evaluate and factor the matrix."""
-        with self.errors():
-            self.follow(x)
+        with self.errors(), self._at(x):
             assert self.law is not None
             places, blocks = self.terms.places(self.law), self.terms.matrices(self.law)
             parts = [

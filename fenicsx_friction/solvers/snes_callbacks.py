@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Residual and Jacobian as the SNES calls them: the forms of the bulk, plus contact."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from petsc4py import PETSc
 
@@ -112,9 +113,8 @@ class Callbacks:
 
     def _call_residual(self, snes: PETSc.SNES | None, x: PETSc.Vec, b: PETSc.Vec) -> None:
         """Assemble the residual with scaled rows."""
-        with self.errors():
+        with self.errors(), self._at(x):
             self._blocks = None  # those of another iterate
-            self._follow(x)
             self._form_residual(x, b)
             assert self.law is not None
             self._terms.add_residual(b, self.law)
@@ -123,8 +123,7 @@ class Callbacks:
 
     def _call_jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """Assemble the Jacobian with scaled rows."""
-        with self.errors():
-            self._follow(x)
+        with self.errors(), self._at(x):
             self._assemble_forms(x)
             assert self.law is not None and self._elements is not None
             self._blocks = self._terms.matrices(self.law)
@@ -146,11 +145,13 @@ class Callbacks:
             self._form_jacobian(x, self._forms)
             self._made_of = [a.copy() for a in now]
 
-    def _follow(self, x: PETSc.Vec) -> None:
-        """Put the iterate into the unknowns and the kinematics."""
+    @contextmanager
+    def _at(self, x: PETSc.Vec) -> Iterator[None]:
+        """Put the iterate into the unknowns; inside, the kinematics are those there."""
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
         assign(x, self._unknowns)
-        self._terms.update()
+        with self._terms.still():
+            yield
 
     def _destroy(self) -> None:
         """Destroy the matrices; collective."""

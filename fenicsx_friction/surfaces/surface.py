@@ -151,13 +151,13 @@ class ContactSurface:
 
     def reader(self, f: fem.Function) -> Callable[[], npt.NDArray[np.floating]] | None:
         """Return what reads a Function at the nodes, ``None`` without values there."""
-        V = f.function_space
+        V, n = f.function_space, self.num_owned
         if is_global(V):
-            return lambda: np.tile(f.x.array, (self.num_owned, 1))
+            return lambda: np.tile(f.x.array, (n, 1))
         if not self.has_values_of(V):
             return None
-        dofs, bs = self.parent_dofs(V)[: self.num_owned], V.dofmap.index_map_bs
-        return lambda: f.x.array.reshape(-1, bs)[dofs]
+        dofs, rows = self.parent_dofs(V)[:n], f.x.array.reshape(-1, V.dofmap.index_map_bs)
+        return lambda: rows[dofs]  # a view of the values, which is read very often
 
     def _assemble(self, form: ufl.Form, space: fem.FunctionSpace) -> npt.NDArray[np.floating]:
         """Assemble a linear form on the submesh; return owned and ghost values."""
