@@ -46,7 +46,12 @@ def depths_inside(faces: Faces, x: Array, directions: Array, ends: Array, facing
     tree, largest = scipy.spatial.cKDTree(center), np.max(radius)
     for start in range(0, len(x), BLOCK):
         points = x[start : start + BLOCK]
-        i, f = flat(tree.query_ball_point(points, tree.query(points)[0] + largest))
+        middle = tree.query(points)[0]
+        i, f = flat(tree.query_ball_point(points, middle + largest))
+        # A nearest face, or one as near, is no farther than the nearest middle of all.
+        away = np.linalg.norm(points[i] - center[f], axis=1)
+        near = away - radius[f] <= middle[i] + TIE * faces.size
+        i, f = i[near], f[near]
         nearest, row, front = _nearest(faces, points, i, f)
         normal = _normal(faces, f[row])
         seen = np.sum(normal * directions[start : start + BLOCK], axis=1) < facing
