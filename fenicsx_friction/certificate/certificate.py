@@ -148,8 +148,8 @@ def certify(
     parts = [both[:, :bodies], natural_maps(worst), both[:, bodies:]]
     residual, apart = np.concatenate(parts, axis=1)
     relative = scales.relative(residual, apart, tolerance)
-    loud = ~scales.quiet(tolerance)[contacts]
-    unphysical = unphysical_part(worst, scales.largest[contacts], loud)
+    loud, tractions = ~scales.quiet(tolerance)[contacts], scales.largest[contacts]
+    unphysical = unphysical_part(worst, tractions, scales.hidden[contacts], loud, tolerance)
     resolution = scales.resolution(residual, tolerance)
     excess = np.append(scales.excess(residual, apart, tolerance), unphysical / tolerance)
     return Certificate(

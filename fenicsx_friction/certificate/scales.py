@@ -62,6 +62,12 @@ class Scales:
         """Tell where forces are below this."""
         return np.asarray((self.largest <= self.nothing(tolerance)) & ~self.lenient)
 
+    def allowed(self, tolerance: float, share: float = 1.0) -> Array:
+        """Return what residuals may be where forces are not quiet (N or Pa); see :meth:`excess`."""
+        hidden = np.maximum(share * self.hidden, self.noise)
+        most = np.where(self.lenient, np.inf, coarsest(tolerance) * self.largest)
+        return np.asarray(np.maximum(tolerance * self.largest, np.minimum(hidden, most)))
+
     def excess(
         self, residual: Array, distance: Array, tolerance: float, share: float = 1.0
     ) -> Array:
@@ -77,10 +83,7 @@ class Scales:
             tolerance: Relative tolerance.
             share: The allowed part of the estimated rounding errors.
         """
-        hidden = np.maximum(share * self.hidden, self.noise)
-        most = np.where(self.lenient, np.inf, coarsest(tolerance) * self.largest)
-        rounding = np.minimum(hidden, most)
-        loud = _ratio(residual, np.maximum(tolerance * self.largest, rounding))
+        loud = _ratio(residual, self.allowed(tolerance, share))
         before = _ratio(residual, tolerance * self.before)
         apart = np.minimum(_ratio(distance, share * self.length), _ratio(residual, self.noise))
         return np.where(self.quiet(tolerance), np.minimum(before, apart), loud)

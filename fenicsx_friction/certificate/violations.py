@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ..base.groups import Array, Groups
 from .nodal_state import UNLIMITED, NodalState
+from .scales import coarsest
 
 #: Rows of :func:`_violations`, by the names of the certificate, and three lengths (m).
 NODAL = (
@@ -53,19 +54,26 @@ def natural_maps(worst: Array) -> Array:
     return np.stack([np.maximum(worst[0], worst[1]), worst[-1]])
 
 
-def unphysical_part(worst: Array, tractions: Array, loud: npt.NDArray[np.bool_]) -> float:
+def unphysical_part(
+    worst: Array, tractions: Array, hidden: Array, loud: npt.NDArray[np.bool_], tolerance: float
+) -> float:
     """Return the largest negative limit or dissipation, relative, where something acts.
 
     Args:
         worst: The violations.
         tractions: Scales of the contacts (Pa).
+        hidden: Rounding errors of slips times the scale of the natural map (Pa).
         loud: Where something acts.
+        tolerance: Relative tolerance; it limits the rounding errors that may pass.
     """
     values = dict(zip(NODAL, worst, strict=False))
     slip, elastic = worst[len(NODAL) : len(NODAL) + 2]
     negative = _worst(values["negative_limit"][loud], tractions[loud])
     power = (tractions * (slip + elastic))[loud]
-    return max(negative, _worst(values["negative_dissipation"][loud], power))
+    rounding = np.minimum(hidden, coarsest(tolerance) * tractions)
+    with np.errstate(invalid="ignore"):  # of infinite ones nothing is left out
+        lost = np.maximum(values["negative_dissipation"] - elastic * rounding, 0.0)[loud]
+    return float(np.max([negative, _worst(lost, power)]))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # Newton may have gone to infinity

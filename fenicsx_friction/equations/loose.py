@@ -20,8 +20,9 @@ Moves = Mapping[int, tuple[Array, float]]
 
 #: Motions (relative to the length of the mesh; rad) that are not rounding.
 MOVED = 1e-6
-#: A body may go so many times further than bodies deform where nothing holds it.
-FURTHER = 10.0
+#: A body may go so many times further than bodies deform where nothing holds it, but not further
+#: than half the mesh, or than twice what they deform.
+FURTHER, HALF, TWICE = 10.0, 0.5, 2.0
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,11 @@ def name_of(surfaces: Sequence[str]) -> str:
     return f"the body with the surface '{named}'" if surfaces else "a body without contact"
 
 
+def spared_of(deformed: float) -> float:
+    """Return how far bodies may go where nothing holds them, by what they deform in a step."""
+    return max(MOVED, min(FURTHER * deformed, max(HALF, TWICE * deformed)))
+
+
 def without_springs(body: RigidBody) -> npt.NDArray[np.bool_]:
     """Tell which components of a rigid body are free and have no spring."""
     return np.asarray(body.released & (body.spring.value == 0.0))
@@ -84,7 +90,7 @@ def of_rigid(
             values,
             virtual,
             float(moved[j]),
-            max(MOVED, FURTHER * deformed),
+            spared_of(deformed),
             deformable=False,
         )
 
@@ -109,7 +115,7 @@ def of_floating(
     others = [np.zeros_like(f.x.array) for f in state[1:]]
     for body in floating.bodies:
         moved, rest = moves[body]
-        spared = max(MOVED, FURTHER * rest)
+        spared = spared_of(rest)
         if np.all(abs(moved) <= spared):
             continue  # it holds what cannot move without it
         shapes, units = floating.motions(body, undeformed=undeformed)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base.collective import largest_of_ranks
-from ..certificate.nodal_state import OPEN
+from ..certificate.nodal_state import OPEN, UNLIMITED
 from ..certificate.scales import DIGITS
 from ..equations.contact_terms import add_rows
 from ..equations.floating import fewer_rows
@@ -21,6 +21,8 @@ from .system import ContactSystem
 Array = npt.NDArray[np.floating]
 #: Rounding of the virtual work of a body, in units of that of stiffness times motion.
 SUMMED = 8.0
+#: Friction that may do no more work than this multiple of what errors may do holds nothing.
+SURE = 4.0
 
 
 class Resistance:
@@ -38,10 +40,12 @@ class Resistance:
         states = system.nodal_states()
         closed = [s.states() != OPEN for s in states]
         self._closed = [a & b for a, b in zip(closed, carrying(system, states), strict=True)]
-        self._rough = [
-            c & ((s.limit > 0.0) | s.ties | (s.own_map is not None))
+        self._limits = [
+            c * np.where(s.ties | (s.own_map is not None), UNLIMITED, s.limit)
             for c, s in zip(self._closed, states, strict=True)
         ]
+        scales = system.scales.scales(system.balance.momentum())
+        self._allowed = scales.allowed(system.settings.tolerance)
         self._forces = [
             np.linalg.norm(s.c, axis=1) * k.nodal_area() * c
             for k, s, c in zip(system.contacts, states, self._closed, strict=True)
@@ -84,11 +88,37 @@ class Resistance:
 
     def _felt(self, motions: Sequence[LooseMotion]) -> Array:
         """Return what closed nodes feel: motions along their normals, and others where rough."""
-        rows = [np.zeros((1, len(motions)))]
-        for i, (closed, rough) in enumerate(zip(self._closed, self._rough, strict=True)):
-            felt = np.stack([self._felt_by(i, m) for m in motions], axis=2)
+        rows, errors = [np.zeros((1, len(motions)))], self._errors(motions)
+        for i, (closed, limit) in enumerate(zip(self._closed, self._limits, strict=True)):
+            felt, rough = np.stack([self._felt_by(i, m) for m in motions], axis=2), limit > 0.0
+            felt[:, 1:, ~self._holds(i, felt, errors)] = 0.0
             rows += [felt[closed, 0], *(felt[rough, j] for j in range(1, felt.shape[1]))]
         return np.concatenate(rows)
+
+    def _holds(self, i: int, felt: Array, errors: Array) -> npt.NDArray[np.bool_]:
+        """Tell which motions the friction of a contact holds by more than what errors may do.
+
+        Args:
+            i: The contact.
+            felt: What its nodes feel of the motions, see :meth:`_felt_by`.
+            errors: See :meth:`_errors`.
+        """
+        scales, way = self._system.scales, np.linalg.norm(felt[:, 1:], axis=1) * self._areas[i]
+        doubts = self._allowed[(1 + i) * scales.number :][scales.node_bodies[i]]
+        most = np.stack([self._limits[i] @ way, (self._closed[i] * doubts) @ way])
+        friction, doubt = self._comm.allreduce(most)
+        return np.asarray(friction > SURE * (errors + doubt))
+
+    def _errors(self, motions: Sequence[LooseMotion]) -> Array:
+        """Return the virtual work of forces that may be out of balance (N m)."""
+        floating, n = self._system.floating, self._sizes[0]
+        forces = np.repeat(self._allowed[floating.body], self._system.u.x.block_size)[:n]
+        found = self._comm.allreduce(np.array([forces @ abs(m.virtual[0][:n]) for m in motions]))
+        number = len(self._system.unknowns)  # of the groups the rigid bodies are the last
+        for i in range(1, number):
+            sizes = [np.max(abs(m.virtual[i]), initial=0.0) for m in motions]
+            found += np.array(sizes) * self._allowed[i - number]
+        return np.asarray(found)
 
     def _felt_by(self, i: int, m: LooseMotion) -> Array:
         """Return what the nodes of a contact feel of a motion (m), (nodes, d)."""

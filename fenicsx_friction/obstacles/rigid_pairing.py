@@ -122,13 +122,14 @@ class RigidPairing(Pairing):
         return np.ones(self.side.surface.num_owned, dtype=bool)
 
     def rounding(self) -> Array:
-        """Return the lengths whose rounding gaps contain.
+        """Return the lengths whose rounding gaps contain, and slips against a body that is loaded.
 
-        The rounding of slips needs no entry: it is that of the motion in a step. Where this motion
-        is large, either the node slides, and only the direction of the slip matters; or the node
-        moves with the obstacle, and its displacement counts anyway.
+        The rounding of other slips needs no entry: it is that of the motion in a step. Where this
+        motion is large, either the node slides, and only the direction of the slip matters; or the
+        node moves with the obstacle, and its displacement counts anyway.
         """
-        return self.obstacle.rounding(self)
+        lengths, body = self.obstacle.rounding(self), self.body
+        return lengths if body is None else lengths + np.max(abs(body.q.x.array / body.unit))
 
     def crossed(self, closed: Mask) -> Mask:
         """Tell which open nodes have passed right through the obstacle; collective."""

@@ -122,7 +122,10 @@ class BoundaryEquations:
             f.x.array[: num_owned(f)] = values[at : at + num_owned(f)]
             f.x.scatter_forward()
             at += num_owned(f)
-        with self.terms.still():
+        with (
+            np.errstate(over="ignore", invalid="ignore"),
+            self.terms.still(),
+        ):
             yield
 
     def accept(self, x: PETSc.Vec) -> None:

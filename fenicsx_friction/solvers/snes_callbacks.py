@@ -150,7 +150,10 @@ class Callbacks:
         """Put the iterate into the unknowns; inside, the kinematics are those there."""
         x.ghostUpdate(PETSc.InsertMode.INSERT, PETSc.ScatterMode.FORWARD)
         assign(x, self._unknowns)
-        with self._terms.still():
+        with (
+            np.errstate(over="ignore", invalid="ignore"),
+            self._terms.still(),
+        ):
             yield
 
     def _destroy(self) -> None:
