@@ -40,8 +40,10 @@ def explain(system: ContactSystem, report: StepReport, wrong: Sequence[str] = ()
             f"restored.\n{_substeps(report.substeps)}"
         )
     certificate = report.certificate
+    faint = certificate.excess <= 1.0 and not certificate.resolved
     lines = [
-        f"Step {report.step} has no certified solution: relative residual "
+        f"Step {report.step} has no certified solution: "
+        f"{'forces are too faint to be resolved; ' if faint else ''}relative residual "
         f"{certificate.relative:.2e} (tolerance {certificate.tolerance:.0e}); normal map "
         f"{certificate.normal_map:.3e} Pa, tangential map {certificate.tangential_map:.3e} Pa, "
         f"equilibrium {certificate.equilibrium:.3e} N. The last accepted state was restored.",
