@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import ufl
 
 import fenicsx_friction as ff
 from fenicsx_friction.increment.adrift import bodies_adrift
@@ -42,6 +43,40 @@ def test_friction_holds_a_block_as_far_as_it_is_more_than_errors(mu, holds, d):
     # Errors grow with a flight, by the rounding of stiffness times displacement.
     rough.u.x.array[::d] += 1e6
     assert (rough.drifted(x=5.0) == []) == (mu == 0.3)
+
+
+def strong_at_a_corner(x):
+    return ufl.conditional(ufl.gt(x[0] + x[1], 0.9), 0.3, 1e-10)
+
+
+WEAK_IN_PART = {
+    # Across its axis, this friction holds by less than errors.
+    "orthotropic": (
+        lambda: ff.OrthotropicCoulomb((0.3, 1e-10), (1, 1, 0)),
+        {"x": 5.0, "y": -5.0},
+        {"x": 5.0, "y": 5.0},
+    ),
+    # One node holds no turn about itself.
+    "pivot": (
+        lambda: ff.Coulomb(lambda p, sliding: strong_at_a_corner(sliding.x)),
+        {"rz": 5.0, "x": 2.5, "y": -2.5},
+        {"rz": 5.0},
+    ),
+}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("law", WEAK_IN_PART)
+def test_friction_that_is_faint_in_part_holds_nothing_there(law):
+    friction, free, held = WEAK_IN_PART[law]
+    block = Block(f"in_part_{law}_", 3)
+    assert block.problem.solve().certified
+    rough = Block(f"rough_in_part_{law}_", 3, law=friction())
+    for f, g in zip(rough.problem.state, block.problem.state, strict=True):
+        f.x.array[:] = g.x.array
+    rough.problem.scales.begin()
+    assert rough.drifted(**free)
+    assert not rough.drifted(**held)
 
 
 @pytest.mark.mpi

@@ -44,6 +44,7 @@ class Block:
         plane=False,
         size=1.0,
         numbers=None,
+        law=None,
     ):
         make = mesh.create_rectangle if d == 2 else mesh.create_box
         msh = make(MPI.COMM_WORLD, [(-0.5,) * d, (0.5,) * d], numbers or [4] * d, CELLS[d])
@@ -66,7 +67,7 @@ class Block:
         F = ufl.derivative(stored, self.u, v)
         ds = ufl.Measure("ds", msh, subdomain_data=tags)
         axis = [0.0] * up
-        self.bodies, friction = [], ff.Coulomb(mu) if mu else ff.Frictionless()
+        self.bodies, friction = [], law or (ff.Coulomb(mu) if mu else ff.Frictionless())
         motions = {1: None, 2: None}
         if platens:
             places = {1: 0.5 * size, 2: -0.5 * size}

@@ -22,6 +22,7 @@ from ..equations.loose import (
     of_rigid,
     without_springs,
 )
+from .grip import Grip
 from .resistance import Resistance
 from .snapshot import Snapshot
 from .system import ContactSystem
@@ -60,7 +61,8 @@ def bodies_adrift(system: ContactSystem, start: Snapshot) -> list[str]:
     went = [m for m in every if not abs(m.moved) <= m.spared]
     if not went:
         return []
-    adrift = _adrift(went, Resistance(system).of(went, every))
+    resistance = Resistance(system)
+    adrift = _adrift(went, resistance.of(went, every), resistance.grip(went))
     lines = []
     for owner in dict.fromkeys(m.owner for m in adrift):
         ways = [m for m in adrift if m.owner == owner]
@@ -97,18 +99,20 @@ def _motions(system: ContactSystem, start: Snapshot, moves: Moves) -> Iterator[L
     yield from of_floating(system.floating, system.state, moves, system.contacts, undeformed=linear)
 
 
-def _adrift(motions: Sequence[LooseMotion], resistance: Array) -> list[LooseMotion]:
-    """Return those that have gone too far in directions that nothing resists.
+def _adrift(motions: Sequence[LooseMotion], resistance: Array, grip: Grip) -> list[LooseMotion]:
+    """Return those that have gone too far in directions that nothing resists; collective.
 
     Args:
         motions: The motions.
         resistance: What resists them, relative, one column each.
+        grip: How friction holds them.
     """
     arms = np.max(abs(resistance), axis=0)  # long ones, if the center is far away
     resists = arms > NOTHING
     arms[~resists] = 1.0
     _, sizes, directions = np.linalg.svd(resistance * resists / arms)
     nothing = directions[sizes <= NOTHING * max(1.0, float(np.max(sizes)))]
+    nothing = np.linalg.qr((grip.slipping(nothing / arms) * arms).T)[0].T  # orthonormal again
     moved, spared = np.transpose([(m.moved, m.spared) for m in motions])
     drift = abs(nothing.T @ (nothing @ (arms * moved))) / arms
     least = np.maximum(spared, MOVED * float(np.max(drift)))  # beside a huge one all are rounding

@@ -11,18 +11,18 @@ import numpy.typing as npt
 from ..base.collective import largest_of_ranks
 from ..certificate.nodal_state import OPEN, UNLIMITED
 from ..certificate.scales import DIGITS
+from ..contact.contact import Contact
 from ..equations.contact_terms import add_rows
 from ..equations.floating import fewer_rows
 from ..equations.loose import LooseMotion
 from ..equations.numbering import num_owned
 from .carrying import carrying
+from .grip import Grip
 from .system import ContactSystem
 
 Array = npt.NDArray[np.floating]
 #: Rounding of the virtual work of a body, in units of that of stiffness times motion.
 SUMMED = 8.0
-#: Friction that may do no more work than this multiple of what errors may do holds nothing.
-SURE = 4.0
 
 
 class Resistance:
@@ -40,10 +40,13 @@ class Resistance:
         states = system.nodal_states()
         closed = [s.states() != OPEN for s in states]
         self._closed = [a & b for a, b in zip(closed, carrying(system, states), strict=True)]
-        self._limits = [
-            c * np.where(s.ties | (s.own_map is not None), UNLIMITED, s.limit)
+        limits = [
+            np.where(s.ties | (s.own_map is not None), UNLIMITED, s.limit) * c
             for c, s in zip(self._closed, states, strict=True)
         ]
+        self._fast = [limit >= UNLIMITED for limit in limits]
+        self._limits = [np.where(a, 0.0, b) for a, b in zip(self._fast, limits, strict=True)]
+        self._metrics = [_metrics(k) for k in system.contacts]
         scales = system.scales.scales(system.balance.momentum())
         self._allowed = scales.allowed(system.settings.tolerance)
         self._forces = [
@@ -54,10 +57,10 @@ class Resistance:
         self._areas = largest_of_ranks(self._comm, areas)  # far apart, maybe
 
     def of(self, motions: Sequence[LooseMotion], every: Sequence[LooseMotion]) -> Array:
-        """Return what resists motions, relative, one column each.
+        """Return what resists motions whatever they do, relative, one column each.
 
-        They meet conditions, the pressures and friction of closed nodes, springs in the bulk, and
-        forces that turn with a body or move on it.
+        They meet conditions, the pressures of closed nodes and those that cannot slide, springs in
+        the bulk, and forces that turn with a body or move on it. For friction see :meth:`grip`.
 
         Args:
             motions: The motions.
@@ -74,8 +77,7 @@ class Resistance:
         largest = np.maximum(forces, np.max(abs(work), axis=1))[:, None]
         relative = np.divide(work, largest, out=np.zeros_like(work), where=largest > 0.0)
         parts = [fewer_rows(self._comm, part) / length for part in (rows, self._felt(motions))]
-        # Infinite motions may leave no numbers, which resist nothing.
-        return np.concatenate([np.where(np.isfinite(p), p, 0.0) for p in (*parts, relative)])
+        return np.concatenate([_finite(p) for p in (*parts, relative)])
 
     def _force_on(self, m: LooseMotion) -> float:
         """Return the sum of the forces of nodes that feel a motion (N), on this rank."""
@@ -86,28 +88,25 @@ class Resistance:
             total += float(np.sum(forces[feels]))
         return total
 
+    def grip(self, motions: Sequence[LooseMotion]) -> Grip:
+        """Return how friction holds motions."""
+        friction, doubts, scales = [], [], self._system.scales
+        for i, (closed, metric) in enumerate(zip(self._closed, self._metrics, strict=True)):
+            felt = self._areas[i] * self._felt_by(i, motions)[:, 1:]
+            doubt = self._allowed[(1 + i) * scales.number :][scales.node_bodies[i]] * closed
+            doubts.append(doubt[:, None, None] * felt)
+            felt = felt if metric is None else metric @ felt
+            friction.append(self._limits[i][:, None, None] * felt)
+        work, doubt = (_finite(np.concatenate(part)) for part in (friction, doubts))
+        return Grip(self._comm, work, doubt, self._errors(motions))
+
     def _felt(self, motions: Sequence[LooseMotion]) -> Array:
-        """Return what closed nodes feel: motions along their normals, and others where rough."""
-        rows, errors = [np.zeros((1, len(motions)))], self._errors(motions)
-        for i, (closed, limit) in enumerate(zip(self._closed, self._limits, strict=True)):
-            felt, rough = np.stack([self._felt_by(i, m) for m in motions], axis=2), limit > 0.0
-            felt[:, 1:, ~self._holds(i, felt, errors)] = 0.0
-            rows += [felt[closed, 0], *(felt[rough, j] for j in range(1, felt.shape[1]))]
+        """Return what closed nodes feel: motions along their normals, others if they are fast."""
+        rows = [np.zeros((1, len(motions)))]
+        for i, (closed, fast) in enumerate(zip(self._closed, self._fast, strict=True)):
+            felt = self._felt_by(i, motions)
+            rows += [felt[closed, 0], *(felt[fast, j] for j in range(1, felt.shape[1]))]
         return np.concatenate(rows)
-
-    def _holds(self, i: int, felt: Array, errors: Array) -> npt.NDArray[np.bool_]:
-        """Tell which motions the friction of a contact holds by more than what errors may do.
-
-        Args:
-            i: The contact.
-            felt: What its nodes feel of the motions, see :meth:`_felt_by`.
-            errors: See :meth:`_errors`.
-        """
-        scales, way = self._system.scales, np.linalg.norm(felt[:, 1:], axis=1) * self._areas[i]
-        doubts = self._allowed[(1 + i) * scales.number :][scales.node_bodies[i]]
-        most = np.stack([self._limits[i] @ way, (self._closed[i] * doubts) @ way])
-        friction, doubt = self._comm.allreduce(most)
-        return np.asarray(friction > SURE * (errors + doubt))
 
     def _errors(self, motions: Sequence[LooseMotion]) -> Array:
         """Return the virtual work of forces that may be out of balance (N m)."""
@@ -120,12 +119,14 @@ class Resistance:
             found += np.array(sizes) * self._allowed[i - number]
         return np.asarray(found)
 
-    def _felt_by(self, i: int, m: LooseMotion) -> Array:
-        """Return what the nodes of a contact feel of a motion (m), (nodes, d)."""
-        steps = self._terms.at_blocks(i, self._law, m.virtual, 0.0)
-        pairs = zip(self._blocks[i].by_multipliers(), steps.by_multipliers(), strict=True)
-        felt = sum(np.einsum("nij,ni->nj", block, step) for block, (step, _) in pairs)
-        return np.asarray(felt / self._areas[i])
+    def _felt_by(self, i: int, motions: Sequence[LooseMotion]) -> Array:
+        """Return what the nodes of a contact feel of motions (m), (nodes, d, motions)."""
+        felt = []
+        for m in motions:
+            steps = self._terms.at_blocks(i, self._law, m.virtual, 0.0)
+            pairs = zip(self._blocks[i].by_multipliers(), steps.by_multipliers(), strict=True)
+            felt.append(sum(np.einsum("nij,ni->nj", block, step) for block, (step, _) in pairs))
+        return np.stack(felt, axis=2) / self._areas[i]
 
     def _of_contact(self, motions: Sequence[LooseMotion], every: Sequence[LooseMotion]) -> Array:
         """Return the virtual work of the forces of contact that follow motions (N m)."""
@@ -168,3 +169,17 @@ class Resistance:
                 for m in motions
             ]
         )
+
+
+def _finite(resistance: Array) -> Array:
+    """Return numbers: infinite motions may leave none, which resist nothing."""
+    return np.where(np.isfinite(resistance), resistance, 0.0)
+
+
+def _metrics(contact: Contact) -> Array | None:
+    """Return the metrics of a law as its limits need them, see :class:`.LawRows`; collective."""
+    metrics = contact.metrics()
+    if metrics is None:
+        return None
+    sizes = abs(np.linalg.det(metrics)) ** (1.0 / metrics.shape[1])
+    return np.asarray(metrics / sizes[:, None, None])
