@@ -29,11 +29,11 @@ serial:  ## inside the environment: tests on one rank, counts of iterations
 	$(PYTEST) -n 2 --dist worksteal -m "not weekly"
 	python3 benchmarks/counts.py
 
-# On two ranks three variations of a test are enough: they differ in what a rank does alone;
-# `make weekly` has all. Ranks that wait yield only where there are more of them than cores: two on
-# two cores were no faster with it, alone or on a busy machine.
+# On two ranks two variations of a test are enough, the first and the last: they differ in what a
+# rank does alone, and `make weekly` has all. Ranks that wait yield only where there are more of
+# them than cores: two on two cores were no faster with it, alone or on a busy machine.
 ranks:  ## inside the environment: tests on N ranks
-	mpirun -n $(N) $(PYTEST) -p no:xdist -m mpi --variations 3
+	mpirun -n $(N) $(PYTEST) -p no:xdist -m mpi --variations 2
 
 weekly:  ## what takes longer: long demos, three ranks, random problems against the exact solver
 	$(RUN) $(PYTEST) -m weekly

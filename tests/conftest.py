@@ -3,6 +3,7 @@
 
 import faulthandler
 import gc
+import os
 import sys
 import time
 from collections.abc import Generator, Iterator
@@ -23,6 +24,10 @@ hypothesis.settings.load_profile("project")
 #: failed (they may wait for it inside the test), ends them all. A hang is ended by pytest's
 #: ``faulthandler_timeout``.
 PATIENCE = 60.0
+
+# Ranks that a test starts share the cores with other tests: who waits lets them work.
+if MPI.COMM_WORLD.size == 1:
+    os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
 
 FAILURE = pytest.StashKey[str]()
 
