@@ -324,6 +324,16 @@ def test_a_pressure_of_its_own_takes_the_same_steps_in_all_units():
 
 
 @pytest.mark.mpi
+def test_the_tangent_of_a_body_with_a_pressure_of_its_own():
+    problem, move = mixed(2, "triangle", (4, 2), 0.49, 0.2, 1e3)
+    move(1e3 * np.array((0.01, -0.02)))
+    assert problem.solve().certified
+    report = ff.check_jacobian(problem)
+    assert report.error < 1e-6, str(report)
+    assert {check.block for check in report.checks} >= {"momentum", "block 1"}
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("way", [(0.05, 0.05), (0.0, 0.01), (0.0, 1e-6)])
 def test_a_mixed_body_that_touches_nothing_goes_where_it_is_moved(way):
     """What is left of its stresses is the rounding of changes of volume, times the bulk modulus."""

@@ -1,5 +1,7 @@
 """Friction laws of users: their own rows, their own limits, what is certified."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 import ufl
@@ -22,6 +24,52 @@ class Viscous(ff.FrictionLaw):
 
     def row(self, s, c_t, limit, r, eps):
         return c_t + ufl.conditional(ufl.gt(limit, 0.0), self.eta, 0.0) * s
+
+
+#: What UFL works out at pressure 0 or 1 has no real value, but in a branch that is not taken.
+GUARDED = {
+    "root": lambda p: ufl.sqrt(p - 2.0),
+    "power": lambda p: (p - 2.0) ** 0.5,
+    "logarithm": lambda p: ufl.ln(p / 2.0),
+    "quotient": lambda p: ufl.acos(2.0 / p),
+}
+
+
+@pytest.mark.quick
+@pytest.mark.mpi
+@pytest.mark.parametrize("part", GUARDED)
+def test_a_branch_that_is_not_taken_may_have_no_value(part):
+    class Guarded(ff.FrictionLaw):
+        def limit(self, pressure, sliding):
+            more = ufl.conditional(ufl.gt(pressure, 2.0), 1.0 + GUARDED[part](pressure), 1.0)
+            return 0.1 * pressure * more
+
+    model = dragged(lambda m, s: Guarded(), f"guarded_{part}_")
+    assert model.move(0.05, -DEPTH).certified
+    _, pressure, traction, _, slip = model.nodes()
+    assert np.sum(pressure > 2.0) >= 3
+    assert np.all(slip[pressure > 2.0, 0] > 1e-3)
+    above = np.maximum(pressure, 2.0)
+    more = {
+        "root": np.sqrt(above - 2.0),
+        "power": np.sqrt(above - 2.0),
+        "logarithm": np.log(above / 2.0),
+        "quotient": np.arccos(2.0 / above),
+    }[part]
+    assert -traction[:, 0] == pytest.approx(0.1 * pressure * (1.0 + more), rel=1e-9, abs=1e-9)
+    assert check_jacobian(model.problem).error < 1e-6
+
+
+@pytest.mark.mpi
+def test_a_law_that_fails_on_one_rank_fails_on_all():
+    class OfOneRank(ff.FrictionLaw):
+        def limit(self, pressure, sliding):
+            if MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1:
+                raise RuntimeError("it has lost its table")
+            return 0.1 * pressure
+
+    with pytest.raises(ff.ContactInputError, match="it has lost its table"):
+        dragged(lambda m, s: OfOneRank(), "of_one_rank_")
 
 
 @pytest.mark.mpi

@@ -55,7 +55,7 @@ ROWS = [
     ("limit None", lambda s: s.with_law(w.NoLimit()), "NoLimit.limit.* returned None"),
     ("limit vector", lambda s: s.with_law(w.VectorLimit()), "VectorLimit.limit.* of shape"),
     ("limit of one argument", lambda s: s.with_law(w.OneArgument()), "OneArgument.limit.* raised TypeError"),
-    ("limit divides", lambda s: s.with_law(w.Dividing()), "Dividing.limit.*, at pressure 0, raised"),
+    ("limit at 0", lambda s: s.with_law(w.UnboundedAtZero()), r"pressure 0 \(adhesion\) must be .* it is inf"),
     ("metric of 3D", lambda s: s.with_law(w.WrongMetric(0.3)), r"WrongMetric.metric.* shape \(3, 3\)"),
     ("row scalar", lambda s: s.with_law(w.ScalarRow(0.3)), "ScalarRow.row.* of shape"),
     ("orthotropic in 2D", lambda s: s.with_law(ff.OrthotropicCoulomb((0.1, 0.2), (1, 0, 0))), "in 2D"),

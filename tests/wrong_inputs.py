@@ -120,9 +120,9 @@ class ScalarRow(ff.Coulomb):
         return s[0]
 
 
-class Dividing(ff.FrictionLaw):
+class UnboundedAtZero(ff.FrictionLaw):
     def limit(self, pressure, sliding):
-        return pressure / (1.0 / pressure)
+        return 0.1 * pressure**-0.1
 
 
 class NoGap(ff.RigidObstacle):

@@ -12,10 +12,11 @@ from ufl.algorithms import expand_derivatives
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.core.expr import Expr
 
+from ..base.collective import on_all_ranks
 from ..base.domains import check_terminals, not_finite
 from ..base.errors import ContactInputError
 from ..base.validators import call
-from ..laws.friction import FrictionLaw, Sliding
+from ..laws.friction import FrictionLaw, Sliding, limit_at
 from ..obstacles.deformable import DeformableObstacle
 from ..obstacles.kinematics import Array
 from ..obstacles.rigid import RigidObstacle
@@ -29,7 +30,10 @@ ASYMMETRY = 1e-10
 
 
 def check_contact(contact: Contact, u: fem.Function) -> None:
-    """Raise a ContactInputError if surface, obstacle and law do not fit the displacement."""
+    """Raise a ContactInputError if surface, obstacle and law do not fit the displacement.
+
+    Collective: what a gap or a law of the user raises on one rank is raised on all.
+    """
     msh, surface, obstacle = u.function_space.mesh, contact.surface, contact.obstacle
     if surface.mesh is not msh:
         raise ContactInputError(f"Contact surface '{surface.name}' lies on another mesh than u.")
@@ -42,8 +46,8 @@ def check_contact(contact: Contact, u: fem.Function) -> None:
             "than that of u; make it with RigidMotion(u.function_space.mesh)."
         )
     if isinstance(obstacle, RigidObstacle):
-        _check_gap(obstacle, surface)
-    _check_law(contact.friction, surface)
+        on_all_ranks(msh.comm, lambda: _check_gap(obstacle, surface))
+    on_all_ranks(msh.comm, lambda: _check_law(contact.friction, surface))
 
 
 def _check_degree(surface: ContactSurface, u: fem.Function) -> None:
@@ -85,14 +89,17 @@ def check_normals(contact: Contact) -> None:
 
 def check_friction(contact: Contact) -> None:
     """Raise a ContactInputError, on all ranks, unless limit and metric of the law are possible."""
-    values, surface = contact.friction_at_unit_pressure(), contact.surface
-    bad = _first(surface, ~((values >= 0.0) & (values < np.inf)), values)
-    if bad:
-        limit = ufl.as_ufl(contact.friction.limit(ufl.as_ufl(1.0), contact.rows.sliding))
-        raise ContactInputError(
-            f"Contact '{surface.name}': the friction limit at unit pressure (mu) must be "
-            f">= 0 and finite at every contact node; it is {bad[0]} at {bad[1]}{not_finite(limit)}."
-        )
+    surface, law, sliding = contact.surface, contact.friction, contact.rows.sliding
+    for pressure, name, values in (
+        (1.0, "unit pressure (mu)", contact.friction_at_unit_pressure()),
+        (0.0, "pressure 0 (adhesion)", contact.friction_without_pressure()),
+    ):
+        if bad := _first(surface, ~((values >= 0.0) & (values < np.inf)), values):
+            limit = limit_at(law, pressure, sliding, surface.mesh)
+            raise ContactInputError(
+                f"Contact '{surface.name}': the friction limit at {name} must be >= 0 and finite "
+                f"at every contact node; it is {bad[0]} at {bad[1]}{not_finite(limit)}."
+            )
     check_metrics([contact])
 
 
@@ -156,7 +163,7 @@ def _check_gap(obstacle: RigidObstacle, surface: ContactSurface) -> None:
 
 
 def _check_law(law: FrictionLaw, surface: ContactSurface) -> None:
-    """Check what a law returns, for a variable pressure, for pressure 0 and for pressure 1."""
+    """Check what a law returns; nothing here is collective."""
     name, d, meshes = type(law).__name__, surface.mesh.geometry.dim, [surface.mesh, surface.submesh]
     pressure, length = (fem.Constant(surface.mesh, 1.0) for _ in range(2))
     slip = _vector(surface, d - 1)
@@ -167,7 +174,7 @@ def _check_law(law: FrictionLaw, surface: ContactSurface) -> None:
     limit = call(law.limit, what, pressure, sliding)
     check_terminals(limit, meshes, what, arguments=False)
     for fixed in (0.0, 1.0):
-        call(law.limit, f"{what}, at pressure {fixed:g},", ufl.as_ufl(fixed), sliding)
+        call(limit_at, f"{what}, at pressure {fixed:g},", law, fixed, sliding, surface.mesh)
 
     def metric(sliding: Sliding) -> Expr:
         """Return the law's metric, the identity for None."""

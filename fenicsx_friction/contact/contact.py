@@ -74,11 +74,9 @@ class Contact:
         self.c_rate, self.c_stick, self.free, self.hint = (fem.Function(Q, name=n) for n in vectors)
         self.free.x.array[:] = 1.0
         self.path = fem.Function(S, name="slip_path")
-        self.r = fem.Function(S, name="r_p")
-        names = ("scale", "felt", "slipping", "bonded", "slip_scale")
-        self.scale, self.felt, self.slipping, self.bonded, self.slip_scale = (
-            fem.Function(S, name=n) for n in names
-        )
+        names = ("r_p", "scale", "felt", "slipping", "bonded", "slip_scale")
+        scalars = (fem.Function(S, name=n) for n in names)
+        self.r, self.scale, self.felt, self.slipping, self.bonded, self.slip_scale = scalars
         self.slip_scale.x.array[:] = 1.0
         self.accepted: NodalState | None = None
         self._bound = False
@@ -106,13 +104,11 @@ class Contact:
         law = self.friction.on(self.surface.mesh)
         self.rows = LawRows(self.pairing.kinematics, law, self, dt, normal)
         self._nodal = NodalKernel(self.surface, self.rows.nodal)
-        self._own_row = None
-        if self.rows.own_row is not None:
-            self._own_row = NodalKernel(self.surface, self.rows.own_row)
+        self._own_row, self._metric = (
+            None if values is None else NodalKernel(self.surface, values)
+            for values in (self.rows.own_row, self.rows.metric)
+        )
         self._reach: NodalKernel | None = None
-        self._metric = None
-        if self.rows.metric is not None:
-            self._metric = NodalKernel(self.surface, self.rows.metric)
         self.slip_increment: Array = np.zeros((self.surface.num_owned, side.d))
 
     def set_scale(self, diagonal: fem.Function, felt: fem.Function) -> None:
@@ -197,6 +193,10 @@ class Contact:
     def multipliers(self) -> Array:
         """Return the multipliers (Pa)."""
         return self.pairing.side.nodal(self.c)
+
+    def friction_without_pressure(self) -> Array:
+        """Return the friction limits at no pressure (Pa); collective."""
+        return self._values()[:, -4]
 
     def friction_at_unit_pressure(self) -> Array:
         """Return the friction limits at unit pressure; collective."""

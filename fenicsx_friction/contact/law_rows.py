@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem
 from ufl.core.expr import Expr
 
 from ..laws import rows
-from ..laws.friction import UNLIMITED, FrictionLaw, Sliding
+from ..laws.friction import UNLIMITED, FrictionLaw, Sliding, limit_at
 from ..obstacles.kinematics import Kinematics
 
 #: Pressures (Pa) at which a law that has friction has some, here or there.
@@ -32,7 +32,7 @@ class LawRows:
     Attributes:
         sliding: What the law knows of the sliding.
         nodal: Gap, slip and traction in the law's disk variables, and the friction limit: at the
-            contact pressure, at a unit pressure, at ``c_n``; the length slid.
+            contact pressure, at none, at a unit pressure, at ``c_n``; the length slid.
         own_row: ``R_t`` of a law that states no cone, or ``None``.
         metric: Entries of the law's metric, or ``None`` for the identity.
         reach: The friction limit where much presses and slides, to see whether there is friction.
@@ -66,11 +66,11 @@ class LawRows:
             stick = ufl.inv(metric) * stick
         self._metric, self._slip, self._c_t, self._stick = metric, slip, c_t, stick
         limit = self._limit(rows.positive(fields.c[0] - fields.scale * self._gap))
-        limits = [limit, friction.limit(ufl.as_ufl(1.0), self.sliding)]
+        limits = [limit, self._at(0.0), self._at(1.0)]
         limits.append(self._scale * friction.limit(fields.c[0], self.sliding))
         limits = [self._bonded(ufl.as_ufl(UNLIMITED), limit) for limit in limits]
         self.nodal = ufl.as_vector([self._gap, *slip, *c_t, *limits, path])
-        self.reach = self._reach(fields.surface.mesh)
+        self.reach = self._reach()
         self.own_row = None
         if not friction.certifiable:
             row = friction.row(slip, c_t, limit, fields.scale, ufl.as_ufl(0.0))
@@ -83,15 +83,19 @@ class LawRows:
         """Return one expression where the node is bonded, another where it is not."""
         return ufl.conditional(ufl.gt(self._f.bonded, 0.5), bond, law)
 
-    def _reach(self, msh: mesh.Mesh) -> Expr:
+    def _at(self, pressure: float) -> Expr:
+        """Return the law's limit at a pressure."""
+        return limit_at(self._friction, pressure, self.sliding, self._f.surface.mesh)
+
+    def _reach(self) -> Expr:
         """Return the limits at some pressures, at rest and sliding, as a vector."""
+        msh = self._f.surface.mesh
         far = fem.Constant(msh, 1.0)
         moving = self.sliding._replace(
             slip=ufl.as_vector([far] * len(self.sliding.slip)), path=far, rate=far
         )
-        pressures = [ufl.as_ufl(p) for p in PRESSURES]
         return ufl.as_vector(
-            [self._friction.limit(p, s) for p in pressures for s in (self.sliding, moving)]
+            [limit_at(self._friction, p, s, msh) for p in PRESSURES for s in (self.sliding, moving)]
         )
 
     def stick(self, eps: Expr) -> Expr:
@@ -100,7 +104,7 @@ class LawRows:
         Stick rows there would over-constrain a body on a frictionless support.
         """
         H = rows.closed(self._gap, self._f.c[0], self._f.r)
-        rough = ufl.gt(self._friction.limit(ufl.as_ufl(1.0), self.sliding), 0.0)
+        rough = ufl.gt(self._at(1.0), 0.0)
         H = ufl.conditional(rough, H, 0.0)
         return self._rows(eps, rows.stick_row(self._slip, self._c_t, self._f.r, H))
 
@@ -126,7 +130,7 @@ class LawRows:
         Only the adhesion is switched off: the rest vanishes with the pressure and stays smooth.
         """
         H = rows.closed(self._gap, self._f.c[0], self._f.r)
-        adhesion = self._friction.limit(ufl.as_ufl(0.0), self.sliding)
+        adhesion = self._at(0.0)
         limit = self._friction.limit(pressure, self.sliding) - adhesion + H * adhesion
         return self._scale * limit
 

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import ufl
 from dolfinx import fem, mesh
+from ufl.algorithms.analysis import extract_type
+from ufl.constantvalue import ComplexValue
 from ufl.core.expr import Expr
 
 from ..base.errors import ContactInputError
@@ -73,6 +75,21 @@ class FrictionLaw(ABC):
     def certifiable(self) -> bool:
         """Whether the natural map of limit and metric states the law."""
         return type(self).row is FrictionLaw.row
+
+
+def limit_at(law: FrictionLaw, pressure: float, sliding: Sliding, msh: mesh.Mesh) -> Expr:
+    """Return the limit (Pa) of a law at a given pressure (Pa).
+
+    UFL works out numbers, also those of a branch that is not taken at this pressure, such as the
+    root of ``pressure - 5``; where it cannot, the pressure is a Constant of the mesh.
+    """
+    try:
+        limit = ufl.as_ufl(law.limit(ufl.as_ufl(pressure), sliding))
+        if not extract_type(limit, ComplexValue):
+            return limit
+    except Exception:
+        pass  # if it is no fault of the number, it is raised again
+    return ufl.as_ufl(law.limit(as_constant(pressure, msh), sliding))
 
 
 class Frictionless(FrictionLaw):

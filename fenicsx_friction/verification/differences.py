@@ -75,14 +75,15 @@ def compare(
 def _derivative(
     problem: FrictionalContactProblem, substep: Substep, direction: list[Array]
 ) -> list[Array]:
-    """Return the Jacobian times the direction, one array of owned rows a block."""
+    """Return the Jacobian times the direction, one array of owned rows a block, not scaled."""
     matrix = substep.jacobian()
     maps = [(f.function_space.dofmap.index_map, f.function_space.dofmap) for f in problem.state]
     sizes = [index_map.size_local * dofmap.index_map_bs for index_map, dofmap in maps]
     d, product = matrix.createVecs()
     d.array[:] = np.concatenate([v[:n] for v, n in zip(direction, sizes, strict=True)])
     matrix.mult(d, product)
-    parts = np.split(product.array.copy(), np.cumsum(sizes)[:-1])
+    rows = product.array_r / problem.scales.row_factors
+    parts = np.split(rows, np.cumsum(sizes)[:-1])
     d.destroy()
     product.destroy()
     return parts
