@@ -13,6 +13,7 @@ from bodies import stack
 from fenicsx_friction.files.checkpoint import read_checkpoint, write_checkpoint
 from fenicsx_friction.increment import snapshot as state
 from fenicsx_friction.increment.searching import search
+from fenicsx_friction.obstacles.face_pairs import FacesMet
 from fenicsx_friction.obstacles.node_to_face import NodeToFace
 from fenicsx_friction.obstacles.pair_kernel import PairGeometry, PairKernel
 from fenicsx_friction.obstacles.search import SearchPolicy, find_pairs
@@ -51,6 +52,41 @@ def seen(model):
 def same(one, other):
     """Tell whether two are the same bit for bit."""
     return one[1] == other[1] and all(map(np.array_equal, one[0], other[0]))
+
+
+# -- over an edge -------------------------------------------------------------------------------
+
+
+OVERHANG = {
+    2: {"cell": "quadrilateral", "upper": (4, 3), "lower": (5, 4), "base": ((0, 0), (1, 1))},
+    3: {"upper": (3, 2, 2), "lower": (4, 3, 2), "base": ((0, 0, 0), (1, 1, 1))},
+}
+TOP = {2: ((0.3, 1.0), (0.9, 2.0)), 3: ((0.3, 0.1, 1.0), (0.9, 0.7, 2.0))}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_block_that_has_gone_over_the_edge_carries_nothing(d, mu, monkeypatch):
+    """No face of it rests on the edge, where nodes between others keep their face for a while."""
+
+    def over(name, *ways):
+        model = stack(mu, f"over_{name}_{d}{mu}_".replace(".", ""), **OVERHANG[d], top=TOP[d])
+        for x in ways:
+            model.move(x, *[0.0] * (d - 2), -0.02)
+            report = model.problem.solve()
+            assert report.certified
+            yield report.contacts[0].normal_force
+
+    before, *after = over("right", 0.68, 0.78, 0.85)
+    assert before > 0.1
+    assert after == pytest.approx([0.0, 0.0], abs=1e-9)
+    before, after = over("left", -0.88, -0.98)
+    assert before > 0.1
+    assert after == pytest.approx(0.0, abs=1e-9)
+    assert list(over("in_one_step", 0.0, 0.78))[1] == pytest.approx(0.0, abs=1e-9)
+    monkeypatch.setattr(FacesMet, "_gone", lambda self, found, *places: ~found.paired)
+    assert list(over("hangs", 0.68, 0.78))[1] > 0.1
 
 
 # -- snapshots ------------------------------------------------------------------------------------

@@ -10,15 +10,23 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from ..base.collective import any_rank
-from ..surfaces.face_cells import project
+from ..surfaces.face_cells import blend, on_edges, project, shape_matrix
 from ..surfaces.faces import Faces, FaceSet
 from .candidates import FACING
+from .kinematics import Array
 from .search import Pairs, SearchPolicy, find_pairs
 from .side import Side
+
+#: A node is at an end of the body if the middles of its faces are on one side by this, over the
+#: diameter of a face.
+AT_EDGE = 0.2
 
 
 class FacesMet:
     """The faces that nodes meet within a step.
+
+    A node that slides over an edge of the surface keeps its face for a while, since the body's
+    faces rest on that edge. Where none do, at the end of the body, it is let go at once.
 
     Args:
         faces: The faces.
@@ -89,10 +97,10 @@ class FacesMet:
         keep: npt.ArrayLike = 0.0,
     ) -> Pairs:
         """Pair this rank's nodes at a displacement; collective."""
-        x, own = self._secondary.positions(u), self._secondary.own
-        return find_pairs(
+        x, own, face_x = self._secondary.positions(u), self._secondary.own, self._faces.positions(u)
+        found = find_pairs(
             self._faces,
-            self._faces.positions(u),
+            face_x,
             x[own],
             self._secondary.node_normals(x)[own],
             self._policy,
@@ -101,6 +109,30 @@ class FacesMet:
             keep=keep,
             facing=self.facing,
         )
+        return Pairs(np.where(self._gone(found, x, face_x), -1, found.face), found.xi)
+
+    def _gone(self, found: Pairs, x: Array, face_x: Array) -> npt.NDArray[np.bool_]:
+        """Tell which nodes have gone over an edge with all of the body that is beside them."""
+        cell, corners, own = (
+            self._faces.cell,
+            face_x[self._faces.faces[found.face]],
+            self._secondary.own,
+        )
+        over = blend(shape_matrix(cell, found.xi), corners)
+        back = on_edges(cell, corners, over) - over
+        back /= np.maximum(np.linalg.norm(back, axis=1, keepdims=True), np.finfo(float).tiny)
+        inwards, size = self._inwards(x)[own], self._secondary.node_sizes()[own]
+        outside = np.sum(back * inwards, axis=1) < -AT_EDGE * size
+        return np.asarray(outside & (cell.overhang(found.xi) > self._policy.enter))
+
+    def _inwards(self, x: Array) -> Array:
+        """Return the way from each node to the mean of the middles of its faces (m)."""
+        faces = self._secondary.faces
+        middle, result, number = x[faces].mean(axis=1), np.zeros_like(x), np.zeros(len(x))
+        for column in faces.T:
+            np.add.at(result, column, middle)
+            np.add.at(number, column, 1.0)
+        return np.asarray(result / np.maximum(number, 1.0)[:, None] - x)
 
 
 class FacePairs(FacesMet):

@@ -11,11 +11,17 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from .against_tool import AgainstTool
+from .face_pairs import FacesMet
 from .kinematics import Array
-from .nodes_met import NodesMet
 from .pairing import Mask
 from .rigid_pairing import RigidPairing
 from .side import Side
+
+
+class _FacesOfTool(FacesMet):
+    """The faces of a tool that nodes meet within a step; steep ones, too, as walls in their way."""
+
+    facing = 0.0
 
 
 class SurfacePairing(AgainstTool, RigidPairing):
@@ -35,7 +41,7 @@ class SurfacePairing(AgainstTool, RigidPairing):
         super().__init__(obstacle, side)
         tool, n = self._take(obstacle), side.surface.num_owned
         self._planes = self.near.planes.x.array.reshape(-1, 2 * side.d + 2)[:n]
-        self._met = NodesMet(tool.faces, tool.secondary, tool.policy, side)
+        self._met = _FacesOfTool(tool.faces, tool.secondary, tool.policy, side)
         self._start()
 
     def _axis(self) -> fem.Function | None:
