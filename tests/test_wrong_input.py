@@ -62,6 +62,7 @@ ROWS = [
     ("orthotropic number", lambda s: ff.OrthotropicCoulomb(0.3, (1, 0, 0)), "mu = 0.3 must be a seq"),
     ("orthotropic three", lambda s: ff.OrthotropicCoulomb((0.1, 0.2, 0.3), (1, 0, 0)), "it has 3"),
     ("orthotropic zero", lambda s: ff.OrthotropicCoulomb((0.1, 0), (1, 0, 0)), "> 0"),
+    ("orthotropic ratio", lambda s: ff.OrthotropicCoulomb((0.3, 1e-17), (1, 0, 0)), r"mu = \(0.3, 1e-17\) differ by"),
     ("orthotropic axis", lambda s: ff.OrthotropicCoulomb((0.1, 0.2), "x"), "axis .* = 'x'"),
     ("orthotropic axis 2D", lambda s: ff.OrthotropicCoulomb((0.1, 0.2), (1, 0)), "it has 2"),
     ("orthotropic axis 0", lambda s: ff.OrthotropicCoulomb((0.1, 0.2), (0, 0, 0)), "no direction"),

@@ -150,8 +150,8 @@ def call(
         raise
     except Exception as error:
         raise ContactInputError(
-            f"{what} raised {type(error).__name__}: {error}. It is called with these arguments, "
-            f"UFL expressions, and must return {wanted}."
+            f"{what} raised {type(error).__name__}: {str(error).rstrip('.')}. It is called "
+            f"with these arguments, UFL expressions, and must return {wanted}."
         ) from error
     try:
         expression = ufl.as_ufl(value)

@@ -118,14 +118,15 @@ def _advice(report: StepReport, bodies: Sequence[RigidBody]) -> list[str]:
         advice.append(
             "The friction limit or the dissipation is negative: a law must return a limit >= 0."
         )
+    adrift = not certificate.resolved and not certificate.drowned
     if not certificate.resolved:
+        lost = "Newton's method has lost a body that contact hardly holds, or a" if adrift else "A"
         advice.append(
-            "A body or contact carries forces too faint to be resolved: the rounding of its "
+            f"{lost} body or contact carries forces too faint to be resolved: the rounding of its "
             f"displacements, coordinates and stresses leaves {certificate.resolution:.0e} of them. "
             "Begin nearer to the end of large motions, put the model near the origin, write small "
             "strains by grad(u) and not by I + grad(u)."
         )
-    adrift = not certificate.resolved and not certificate.drowned
     if adrift or any("LINEAR" in reason for reason in reasons):
         advice.append(
             "A linear solve failed or displacements went out of bounds: is the body held, by bcs "

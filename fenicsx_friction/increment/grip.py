@@ -15,6 +15,10 @@ Array = npt.NDArray[np.floating]
 SURE = 4.0
 #: Least and largest of the errors, relative to the largest one and in N m, that are told apart.
 LEAST, LARGEST = 1e-30, 1e100
+#: A node that may do so many times the work of errors is as good as one that may do more.
+STRONG = 1e8
+#: Work along a way below this part of a node's largest is rounding.
+ROUNDED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -50,13 +54,26 @@ class Grip:
         units = np.minimum(np.nan_to_num(self.errors, nan=LARGEST), LARGEST)
         units = np.maximum(units, LEAST * np.max(units)) if np.any(units) else np.ones_like(units)
         basis, _ = np.linalg.qr((directions * units).T)
-        friction, doubts = self.friction / units, self.doubts / units
-        rows = fewer_rows(self.comm, friction.reshape(-1, friction.shape[-1]))
-        # The weakest directions: a strong node holds no turn about itself.
-        _, _, weakest = np.linalg.svd(rows @ basis)
-        ways = basis @ weakest.T
-        work, doubt = self.comm.allreduce(
-            np.array([np.sum(np.linalg.norm(f @ ways, axis=1), axis=0) for f in (friction, doubts)])
-        )
+        ways = basis @ self._weakest(self.friction / units, basis).T
+        works = [_work(f / units, ways) for f in (self.friction, self.doubts)]
+        work, doubt = self.comm.allreduce(np.array(works))
         weak = work <= SURE * (np.sum(abs(ways), axis=0) + doubt)
         return np.asarray(ways[:, weak].T / units)
+
+    def _weakest(self, friction: Array, basis: Array) -> Array:
+        """Return combinations of a basis, one a row, from the best held to the weakest.
+
+        A strong node holds no turn about itself.
+        """
+        sizes = np.linalg.norm(friction, axis=(1, 2), keepdims=True)
+        # Beside the strongest nodes, weak ones would be rounding.
+        friction = friction / np.maximum(sizes / STRONG, 1.0)
+        rows = fewer_rows(self.comm, friction.reshape(-1, len(basis)))
+        return np.asarray(np.linalg.svd(rows @ basis)[2])
+
+
+def _work(friction: Array, ways: Array) -> Array:
+    """Return the work of this rank's nodes along ways, one a column, without rounding."""
+    sizes = np.linalg.norm(friction, axis=(1, 2))[:, None]
+    work = np.linalg.norm(friction @ ways, axis=1)
+    return np.asarray(np.sum(work * (work > ROUNDED * sizes), axis=0))

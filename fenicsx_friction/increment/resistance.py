@@ -182,4 +182,5 @@ def _metrics(contact: Contact) -> Array | None:
     if metrics is None:
         return None
     sizes = abs(np.linalg.det(metrics)) ** (1.0 / metrics.shape[1])
-    return np.asarray(metrics / sizes[:, None, None])
+    with np.errstate(divide="ignore", invalid="ignore"):  # see _finite
+        return np.asarray(metrics / sizes[:, None, None])

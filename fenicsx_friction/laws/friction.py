@@ -20,6 +20,8 @@ from . import rows
 
 #: The limit of permanent stick (Pa): beyond any traction, and a number that UFL can multiply.
 UNLIMITED = 1e300
+#: Smallest ratio of orthotropic coefficients: a metric has both in one number.
+RATIO = 1e-12
 
 
 class Sliding(NamedTuple):
@@ -173,6 +175,11 @@ class OrthotropicCoulomb(FrictionLaw):
         coefficients = vector(self.mu, "The orthotropic friction coefficients mu", dimension=2)
         for value in coefficients:
             number(value, "The orthotropic friction coefficient mu", above=0.0)
+        if not min(coefficients) >= RATIO * max(coefficients):
+            raise ContactInputError(
+                f"The orthotropic friction coefficients mu = {shown(self.mu)} differ by more than "
+                f"1 : {RATIO:g}; rounding would hide the smaller one in the metric, their sum."
+            )
         if not vector(self.axis, "The axis of orthotropic friction", dimension=3).any():
             raise ContactInputError(
                 f"The axis of orthotropic friction {self.axis} has no direction; give a vector "
